@@ -4,11 +4,21 @@
 compression; heights and tip positions grow away from the sample.
 """
 
+from jaxstab.force_curves.correction import Baseline, Correction
 from jaxstab.force_curves.curves import ForceCurves
-from jaxstab.force_curves.force_curve import ForceCurve, ForceCurveWarning, Segment
+from jaxstab.force_curves.force_curve import ForceCurve, ForceCurveWarning
 from jaxstab.force_curves.read import read
+from jaxstab.force_curves.segment import Segment
 
-__all__ = ["ForceCurve", "ForceCurveWarning", "ForceCurves", "Segment", "read"]
+__all__ = [
+    "Baseline",
+    "Correction",
+    "ForceCurve",
+    "ForceCurveWarning",
+    "ForceCurves",
+    "Segment",
+    "read",
+]
 
 
 def __dir__() -> list[str]:

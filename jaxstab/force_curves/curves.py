@@ -3,7 +3,7 @@
 from collections import Counter
 from collections.abc import Callable, Hashable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, overload
+from typing import TYPE_CHECKING, Literal, overload
 
 import numpy as np
 
@@ -48,6 +48,17 @@ class ForceCurves(Sequence[ForceCurve]):
     def __neg__(self) -> "ForceCurves":
         """Reverse the signs of all forces."""
         return self._each(lambda curve: -curve)
+
+    def corrected(self, baseline: Literal["linear", "constant"] = "linear") -> "ForceCurves":
+        """Correct each curve, as `ForceCurve.corrected`; an error names the curve."""
+
+        def correct(curve: ForceCurve) -> ForceCurve:
+            try:
+                return curve.corrected(baseline)
+            except ValueError as error:
+                raise ValueError(f"{curve.source}: {error}") from None
+
+        return self._each(correct)
 
     @property
     def numbers(self) -> np.ndarray:

@@ -2,12 +2,15 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
+from jaxstab.core.checks import require_one_of
 from jaxstab.core.optional_packages import require_packages
 from jaxstab.core.units import FORCES, LENGTHS, symbol_of, typeset, unit_of
+from jaxstab.force_curves.correction import Correction, correct
+from jaxstab.force_curves.segment import Segment
 
 # Xarray is imported where it is used, since its import is slow.
 if TYPE_CHECKING:
@@ -18,74 +21,10 @@ _FAR = 0.25
 _DEEP = 0.02
 # A force at the deepest points is one if it exceeds the noise so many times.
 _ABOVE_NOISE = 6.0
-_NO_SPRING = (
-    "The tip position is unknown, since the curve has no spring constant: give it in N/m, as in "
-    "js.force_curves.read(path, spring_constant=0.2)."
-)
 
 
 class ForceCurveWarning(UserWarning):
     """A force curve looks wrong: its forces have the opposite sign."""
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class Segment:
-    """A part of a force curve in the order of the measurement, NaN where points are missing.
-
-    Attributes:
-        force: positive in compression [force].
-        height: of the far end of the cantilever, growing away from the sample [length].
-        tip: the position of the tip, None if the spring constant is unknown [length].
-        time: [s], None if the file holds none.
-        stated_speed: the speed according to the file [length/s].
-    """
-
-    force: np.ndarray
-    height: np.ndarray
-    tip: np.ndarray | None = None
-    time: np.ndarray | None = None
-    stated_speed: float | None = None
-
-    @property
-    def tip_position(self) -> np.ndarray:
-        """The height of the tip, height + force / spring constant [length].
-
-        Raises:
-            ValueError: if the spring constant is unknown.
-        """
-        if self.tip is None:
-            raise ValueError(_NO_SPRING)
-        return self.tip
-
-    @property
-    def speed(self) -> float | None:
-        """The mean speed of the far end, or the speed that the file states [length/s]."""
-        if self.time is None or not np.ptp(self.time) > 0:
-            return self.stated_speed
-        return float(abs(self.height[-1] - self.height[0]) / np.ptp(self.time))
-
-    @property
-    def is_present(self) -> np.ndarray:
-        """The mask of points that are not missing."""
-        return np.isfinite(self.force) & np.isfinite(self.height)
-
-    @property
-    def num_missing(self) -> int:
-        """The number of missing points."""
-        return int(np.sum(~self.is_present))
-
-    def __len__(self) -> int:
-        return len(self.force)
-
-    def scaled(self, length: float, force: float) -> "Segment":
-        """Return the segment in other units, given factors."""
-        return Segment(
-            force=self.force * force,
-            height=self.height * length,
-            tip=None if self.tip is None else self.tip * length,
-            time=self.time,
-            stated_speed=None if self.stated_speed is None else self.stated_speed * length,
-        )
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -107,6 +46,7 @@ class ForceCurve:
         source: the file, and the number of the curve in it.
         instrument: the name of the instrument.
         remarks: the choices of the reader.
+        correction: the baseline, the contact point and the drift that `corrected` has removed.
     """
 
     approach: Segment | None
@@ -121,6 +61,7 @@ class ForceCurve:
     source: str = ""
     instrument: str = ""
     remarks: tuple[str, ...] = ()
+    correction: Correction | None = None
 
     @property
     def speed(self) -> float | None:
@@ -145,6 +86,41 @@ class ForceCurve:
             if _is_reversed(segment)
         ]
 
+    def corrected(self, baseline: Literal["linear", "constant"] = "linear") -> "ForceCurve":
+        """Remove the baseline of the forces, and count heights from the contact point.
+
+        - The baseline is a line through the forces of each segment over the height, fitted from the
+          far end to where a force first exceeds the noise.
+        - The drift is the speed at which heights of equal force move in the contact, from approach
+          to retraction. It is removed if it is below 1 % of the speed of the approach: more is
+          hysteresis of the sample, which stays.
+        - The contact point is d in F = K (d - tip)^(3/2) - F_0, fitted to the lower part of the
+          approach: the theory of Derjaguin, Muller and Toporov, for a paraboloid. It is a start for
+          a fit of the contact, as by `jaxstab.calibrate`.
+
+        Without a spring constant the baseline alone is removed. `print` shows the numbers with
+        their standard errors, which allow for noise that is correlated over some points.
+
+        Arguments:
+            baseline: "linear", with a tilt, or "constant".
+
+        Raises:
+            ValueError: for another baseline, for fewer than 50 points of a segment, and where no
+                part of the curve is free of force, or none in contact.
+        """
+        require_one_of("baseline", baseline, ("linear", "constant"))
+        segments, correction, remarks = correct(
+            self.segments, self.spring_constant, baseline == "linear"
+        )
+        return replace(
+            self,
+            approach=segments.pop("approach", None),
+            retraction=segments.pop("retraction", None),
+            pauses=tuple(segments.values()),
+            correction=correction,
+            remarks=(*self.remarks, *remarks),
+        )
+
     def in_units(self, unit: str, force_unit: str) -> "ForceCurve":
         """Return the curve in other units, as in `curve.in_units("nm", "nN")`.
 
@@ -167,6 +143,7 @@ class ForceCurve:
             spring_constant=_times(self.spring_constant, force / length),
             sensitivity=_times(self.sensitivity, length),
             position=None if self.position is None else _scaled_pair(self.position, length),
+            correction=None if self.correction is None else self.correction.scaled(length, force),
         )
 
     def __neg__(self) -> "ForceCurve":
@@ -243,6 +220,8 @@ class ForceCurve:
             yield "position", f"x = {x:.6g} {self.unit}, y = {y:.6g} {self.unit}"
         if self.pixel is not None:
             yield "pixel", f"column {self.pixel[0]}, row {self.pixel[1]}"
+        if self.correction is not None:
+            yield from self.correction.rows(self.unit, self.force_unit)
         yield from (("done", remark) for remark in self.remarks)
         yield from (("looks wrong", sentence) for sentence in self.suspicions)
 

@@ -5,7 +5,8 @@ from itertools import pairwise
 
 import numpy as np
 
-from jaxstab.force_curves.force_curve import ForceCurve, Segment
+from jaxstab.force_curves.force_curve import ForceCurve
+from jaxstab.force_curves.segment import Segment
 
 # A segment moves the cantilever by at least this part of the range of heights.
 _MOVE = 0.05

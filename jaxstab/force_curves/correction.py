@@ -1,0 +1,492 @@
+"""The baseline of a force curve, its contact point, and its drift."""
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+
+from jaxstab.core.units import typeset
+from jaxstab.force_curves.segment import Segment
+
+_FEWEST = 50
+_FEWEST_PRESSED = 10
+# Searches end after so many fits.
+_MOST_FITS = 50
+_WEIGHINGS = 10
+# The least force is F_0 of the contact within this part of it.
+_FACTOR_ERROR = 0.25
+_LARGEST_FACTOR = 3.0
+# The blocks of points over which noise may be correlated.
+_BLOCKS = 20
+# The search for the part without force starts from this part of the heights, at the far end, and
+# goes on by this factor at most, so that it extrapolates little.
+_START = 0.1
+_STEP = 1.25
+# A mean over a block of points is a force if it exceeds its own standard deviation so many times.
+_ABOVE_NOISE = 5.0
+# The part next to the first force is left out, since the force begins below the noise.
+_MARGIN = 0.2
+# A baseline that covers more of the points leaves no contact.
+_MOST = 0.95
+# A contact exceeds the noise so many times.
+_CONTACT = 5.0
+# The parts of the largest force, above the least, from which the contact point follows.
+_LOWER, _UPPER = 0.03, 0.6
+# A retraction has not detached if its far part rises by this part of the force range.
+_ATTACHED = 0.25
+# A drift is slower than this part of the speed of the cantilever: more is hysteresis.
+_SLOW = 0.01
+
+
+@dataclass(frozen=True)
+class Baseline:
+    """A line through the forces where no force acts, over the height.
+
+    Attributes:
+        force: at the contact point, or at the height zero if that is unknown [force].
+        slope: its tilt [force/length].
+        force_error, slope_error: standard errors.
+        noise: the rms distance of the forces from it [force].
+        number: the number of points that it is fitted to.
+    """
+
+    force: float
+    slope: float
+    force_error: float
+    slope_error: float
+    noise: float
+    number: int
+
+    def scaled(self, length: float, force: float) -> "Baseline":
+        """Return the baseline in other units, given factors."""
+        return Baseline(
+            force=self.force * force,
+            slope=self.slope * force / length,
+            force_error=self.force_error * force,
+            slope_error=self.slope_error * force / length,
+            noise=self.noise * force,
+            number=self.number,
+        )
+
+
+@dataclass(frozen=True)
+class Correction:
+    """The numbers that `ForceCurve.corrected` has fitted and removed.
+
+    Attributes:
+        approach, retraction: the baselines; None for a missing segment.
+        contact_point: the tip position at contact; None without a spring constant [length].
+        contact_error: its standard error.
+        drift: the speed at which heights of equal force grow from approach to retraction, None if
+            that is unknown [length/s], or [length/point] without times.
+        drift_error: its standard error.
+        has_times: whether the drift is per second.
+    """
+
+    approach: Baseline | None = None
+    retraction: Baseline | None = None
+    contact_point: float | None = None
+    contact_error: float | None = None
+    drift: float | None = None
+    drift_error: float | None = None
+    has_times: bool = True
+
+    def scaled(self, length: float, force: float) -> "Correction":
+        """Return the correction in other units, given factors."""
+        lengths = ("contact_point", "contact_error", "drift", "drift_error")
+        values = {name: getattr(self, name) for name in lengths}
+        changed = {name: None if x is None else x * length for name, x in values.items()}
+        baselines = {
+            name: None if line is None else line.scaled(length, force)
+            for name, line in (("approach", self.approach), ("retraction", self.retraction))
+        }
+        return replace(self, **changed, **baselines)
+
+    def rows(self, unit: str, force_unit: str) -> Iterator[tuple[str, str]]:
+        """Yield a name and a text for each number, with its error and its unit."""
+        slope = typeset(f"{force_unit}/{unit}")
+        for name, line in (("approach", self.approach), ("retraction", self.retraction)):
+            if line is not None:
+                force = _with_error(line.force, line.force_error)
+                tilt = _with_error(line.slope, line.slope_error)
+                yield (
+                    "baseline",
+                    f"{name}: {force} {force_unit} at contact, tilt {tilt} {slope}, noise "
+                    f"{line.noise:.3g} {force_unit}, {line.number} points",
+                )
+        if self.contact_point is not None and self.contact_error is not None:
+            yield "contact point", f"{_with_error(self.contact_point, self.contact_error)} {unit}"
+        if self.drift is not None and self.drift_error is not None:
+            per = "s" if self.has_times else "point"
+            yield "drift", f"{_with_error(self.drift, self.drift_error)} {unit}/{per}"
+
+
+@dataclass(frozen=True)
+class _Line:
+    """A baseline by its force at a height, its slope, and their covariance."""
+
+    height: float
+    coefficients: np.ndarray
+    covariance: np.ndarray
+    noise: float
+    number: int
+
+    def forces(self, height: np.ndarray) -> np.ndarray:
+        """Return the forces of the line at heights."""
+        force, slope = self.coefficients
+        return force + slope * (height - self.height)
+
+    def at(self, height: float) -> Baseline:
+        """Return the baseline with its force at a height."""
+        away = np.array([1, height - self.height])
+        return Baseline(
+            force=float(away @ self.coefficients),
+            slope=float(self.coefficients[1]),
+            force_error=float(np.sqrt(away @ self.covariance @ away)),
+            slope_error=float(np.sqrt(self.covariance[1, 1])),
+            noise=self.noise,
+            number=self.number,
+        )
+
+
+class _NoBaseline(ValueError):
+    """A segment has no part that is free of force, or no other."""
+
+
+def correct(
+    segments: Mapping[str, Segment], constant: float | None, is_tilted: bool
+) -> tuple[dict[str, Segment], Correction, tuple[str, ...]]:
+    """Return the segments without baseline and drift, what was removed, and remarks.
+
+    Arguments:
+        segments: by name, "approach" or "retraction" or both among them.
+        constant: the spring constant, if it is known.
+        is_tilted: whether the baseline has a slope.
+    """
+    ends = [name for name in ("approach", "retraction") if name in segments]
+    main = _line(ends[0], segments[ends[0]], is_tilted)
+    lines = {ends[0]: main}
+    remarks = []
+    if len(ends) == 2:
+        lines["retraction"] = _line_of_retraction(segments, main, is_tilted)
+        if lines["retraction"] is main:
+            remarks.append("retraction not detached: corrected by the baseline of the approach")
+    flat = {
+        name: _moved(
+            replace(segment, force=segment.force - lines.get(name, main).forces(segment.height)),
+            constant,
+        )
+        for name, segment in segments.items()
+    }
+    _require_contact(ends[0], flat[ends[0]], main.noise)
+    if constant is None:
+        remarks.append("contact point unknown, since the spring constant is")
+        return flat, _removed(lines, 0.0), tuple(remarks)
+    clocks = _clocks(segments)
+    drift = drift_error = None
+    if len(ends) == 2:
+        slow = _SLOW * _speed(segments[ends[0]], clocks[ends[0]])
+        found = _with_zeros(lambda shifted: _drift(shifted, clocks), flat, lines, constant)
+        if np.isnan(found[0]):
+            remarks.append("drift unknown: approach and retraction have too few forces in common")
+        else:
+            drift, drift_error = found
+        if drift is not None and abs(drift) > slow:
+            remarks.append(
+                "drift left: it is no slower than hysteresis, at 1 % of the speed of the approach"
+            )
+        elif drift is not None:
+            flat = {
+                name: _moved(segment, constant, drift * clocks[name])
+                for name, segment in flat.items()
+            }
+    contact, contact_error = _with_zeros(
+        lambda shifted: _contact(shifted[ends[0]], constant, main.noise), flat, lines, constant
+    )
+    flat = {name: _moved(segment, constant, contact) for name, segment in flat.items()}
+    correction = replace(
+        _removed(lines, contact),
+        contact_point=contact,
+        contact_error=contact_error,
+        drift=drift,
+        drift_error=drift_error,
+        has_times=all(segment.time is not None for segment in segments.values()),
+    )
+    return flat, correction, tuple(remarks)
+
+
+def _removed(lines: Mapping[str, "_Line"], height: float) -> Correction:
+    """Return the correction by baselines alone, with their forces at a height."""
+    baselines = {name: line.at(height) for name, line in lines.items()}
+    return Correction(baselines.get("approach"), baselines.get("retraction"))
+
+
+def _moved(segment: Segment, constant: float | None, by: np.ndarray | float = 0.0) -> Segment:
+    """Return a segment from other heights, its tip position by the spring constant."""
+    height = segment.height - by
+    tip = None if constant is None else height + segment.force / constant
+    return replace(segment, height=height, tip=tip)
+
+
+def _clocks(segments: Mapping[str, Segment]) -> dict[str, np.ndarray]:
+    """Return the time of each point from the end of the approach, or its number.
+
+    Without times a pause has a constant clock, since its duration is unknown.
+    """
+    if all(segment.time is not None for segment in segments.values()):
+        times = {name: np.asarray(segment.time) for name, segment in segments.items()}
+        turn = times["approach"][-1] if "approach" in times else times["retraction"][0]
+        return {name: time - turn for name, time in times.items()}
+    starts = dict.fromkeys(segments, 0) | {"approach": 1 - len(segments.get("approach", ()))}
+    return {
+        name: np.zeros(len(x)) if name.startswith("pause") else starts[name] + np.arange(len(x))
+        for name, x in segments.items()
+    }
+
+
+def _with_zeros(
+    estimate: Callable[[Mapping[str, Segment]], tuple[float, float]],
+    segments: Mapping[str, Segment],
+    lines: Mapping[str, _Line],
+    constant: float,
+) -> tuple[float, float]:
+    """Return an estimate with its error, which includes the errors of the baselines at contact."""
+    found, own_error = estimate(segments)
+    variance = own_error**2
+    for name, line in lines.items():
+        segment = segments[name]
+        error = line.at(np.min(_known(segment.height))).force_error
+        raised = _moved(replace(segment, force=segment.force + error), constant)
+        variance += (estimate({**segments, name: raised})[0] - found) ** 2
+    return found, float(np.sqrt(variance))
+
+
+def _speed(segment: Segment, clock: np.ndarray) -> float:
+    """Return the mean speed of the height, by a clock."""
+    height = segment.height[segment.is_present]
+    return float(abs(height[-1] - height[0]) / np.ptp(clock))
+
+
+def _line(name: str, segment: Segment, is_tilted: bool) -> _Line:
+    """Return the baseline of a segment.
+
+    From the far end, the part without force is extended as long as means over blocks of points stay
+    on the line through it.
+    """
+    is_present = segment.is_present
+    count = int(is_present.sum())
+    if count < _FEWEST:
+        raise ValueError(f"The {name} has {count} points: a baseline needs {_FEWEST}.")
+    height = segment.height[is_present]
+    force = segment.force[is_present]
+    if height[0] < height[-1]:
+        height, force = height[::-1], force[::-1]
+    block = min(max(count // 100, 3), 200)
+    is_far = height > height.max() - _START * np.ptp(height)
+    number = max(int(np.argmin(is_far)), _FEWEST // 4, 4 * block)
+    line = _fitted(height[:number], force[:number], is_tilted)
+    for _ in range(_MOST_FITS):
+        end = _free_of_force(line, height, force, block)
+        if end <= number:
+            break
+        number = min(end, int(_STEP * number) + 1)
+        line = _fitted(height[:number], force[:number], is_tilted)
+    if number > _MOST * count:
+        raise _NoBaseline(
+            f"The {name} has no contact: all of its forces lie on one line, or none of them do. A "
+            "baseline needs a part without force, at the far end, and a part in contact."
+        )
+    return line
+
+
+def _free_of_force(line: _Line, height: np.ndarray, force: np.ndarray, block: int) -> int:
+    """Return the number of points, from the far end, before means over blocks leave the line."""
+    inside = line.number // block
+    means = _means(force - line.forces(height), block)
+    noise = np.std(means[:inside])
+    away = np.stack([np.ones(len(means)), _means(height, block) - line.height])
+    errors = np.sqrt(noise**2 + np.einsum("ij,ik,kj->j", away, line.covariance, away))
+    is_force = np.abs(means) > _ABOVE_NOISE * errors
+    is_force[:inside] = False
+    return int((1 - _MARGIN) * np.argmax(is_force) * block) if is_force.any() else len(force)
+
+
+def _fitted(height: np.ndarray, force: np.ndarray, is_tilted: bool) -> _Line:
+    middle = height.mean()
+    columns = np.stack([np.ones_like(height), height - middle], axis=1)[:, : 1 + is_tilted]
+    found = np.zeros(2)
+    covariance = np.zeros((2, 2))
+    used = slice(0, 1 + is_tilted)
+    found[used] = np.linalg.lstsq(columns, force, rcond=None)[0]
+    misfit = force - columns @ found[used]
+    covariance[used, used] = np.linalg.inv(columns.T @ columns) * _variance(misfit, 1 + is_tilted)
+    return _Line(middle, found, covariance, float(np.std(misfit)), len(force))
+
+
+def _variance(misfit: np.ndarray, freedom: int) -> float:
+    """Return the variance of a misfit, raised for noise that is correlated over some points.
+
+    Of white noise, means over blocks of b points have a variance b times smaller.
+    """
+    count = len(misfit)
+    variance = float(np.sum(misfit**2)) / max(count - freedom, 1)
+    block = max(count // _BLOCKS, 1)
+    means = _means(misfit, block)
+    return max(variance, block * float(np.sum(means**2)) / max(len(means) - freedom, 1))
+
+
+def _means(values: np.ndarray, block: int) -> np.ndarray:
+    """Return the means over blocks of points, the rest of the last one left out."""
+    count = len(values) // block
+    return values[: count * block].reshape(count, block).mean(axis=1)
+
+
+def _line_of_retraction(segments: Mapping[str, Segment], approach: _Line, is_tilted: bool) -> _Line:
+    """Return the baseline of the retraction, or of the approach if it does not detach.
+
+    It does not if no part of it lies on a line, or on one with another slope.
+    """
+    segment = segments["retraction"]
+    try:
+        line = _line("retraction", segment, is_tilted)
+    except _NoBaseline:
+        return approach
+    apart = abs(line.coefficients[1] - approach.coefficients[1]) * np.ptp(_known(segment.height))
+    return approach if apart > _ATTACHED * np.ptp(_known(segments["approach"].force)) else line
+
+
+def _known(values: np.ndarray) -> np.ndarray:
+    return values[np.isfinite(values)]
+
+
+def _require_contact(name: str, segment: Segment, noise: float) -> None:
+    """Raise `ValueError` unless the deepest points push."""
+    is_present = segment.is_present
+    order = np.argsort(segment.height[is_present])
+    deepest = np.mean(segment.force[is_present][order[:5]])
+    if deepest < -_CONTACT * noise:
+        raise ValueError(
+            f"The {name} pulls where it is deepest, by {-deepest:.3g}: if attraction is positive "
+            "in the file, reverse the forces by `-curve`."
+        )
+    if deepest < _CONTACT * noise:
+        raise ValueError(
+            f"The {name} has no contact: where it is deepest its force is {deepest:.3g}, with a "
+            f"noise of {noise:.3g}."
+        )
+
+
+class _Pressed(NamedTuple):
+    """The points of a segment in contact, from a small to a large force, and their numbers.
+
+    The largest attraction is a mean over a block of points, with its standard error.
+    """
+
+    force: np.ndarray
+    tip: np.ndarray
+    numbers: np.ndarray
+    attraction: float
+    error: float
+
+
+def _pressed(segment: Segment, least: float, most: float, noise: float) -> _Pressed:
+    """Return the points in contact with forces between parts of the largest, above the least.
+
+    They lie between the points where means over blocks pass these forces, so that the noise does
+    not choose.
+    """
+    numbers = np.flatnonzero(segment.is_present)
+    if segment.height[numbers[0]] < segment.height[numbers[-1]]:
+        numbers = numbers[::-1]
+    force = segment.force[numbers]
+    block = max(len(force) // 200, 1)
+    means = _means(force, block)
+    lowest = int(np.argmin(means))
+    attraction = max(-float(means[lowest]), 0.0)
+    above = means + attraction
+    # Beyond the least force on the way in, the force rises.
+    is_low = above < least * above.max()
+    is_low[:lowest] = True
+    start = len(means) - int(np.argmax(is_low[::-1]))
+    is_high = above >= most * above.max()
+    is_high[:start] = False
+    end = int(np.argmax(is_high)) if is_high.any() else len(means)
+    chosen = slice(start * block, end * block)
+    return _Pressed(
+        force=force[chosen],
+        tip=segment.tip_position[numbers][chosen],
+        numbers=numbers[chosen],
+        attraction=attraction,
+        error=noise / np.sqrt(block),
+    )
+
+
+def _drift(
+    segments: Mapping[str, Segment], clocks: Mapping[str, np.ndarray]
+) -> tuple[float, float]:
+    """Return the speed at which tip positions of equal force grow, with its error, NaN if unknown.
+
+    The tip position is a cubic polynomial of (F + F_0)^(2/3), the same in both segments, plus the
+    drift times the time from the end of the approach.
+    """
+    parts = {
+        name: _pressed(segments[name], _LOWER, 1.0, 0.0) for name in ("approach", "retraction")
+    }
+    if min(len(part.force) for part in parts.values()) < _FEWEST // 2:
+        return np.nan, np.nan
+    top = min(part.force.max() for part in parts.values())
+    force = np.concatenate([part.force for part in parts.values()])
+    tip = np.concatenate([part.tip for part in parts.values()])
+    clock = np.concatenate([clocks[name][part.numbers] for name, part in parts.items()])
+    is_common = (force > 0) & (force < top)
+    if is_common.sum() < _FEWEST:
+        return np.nan, np.nan
+    attraction = parts["approach"].attraction
+    reduced = ((force[is_common] + attraction) / (top + attraction)) ** (2 / 3)
+    unit = np.ptp(clock[is_common])
+    columns = np.stack([reduced**0, reduced, reduced**2, reduced**3, clock[is_common] / unit], 1)
+    found = np.linalg.lstsq(columns, tip[is_common], rcond=None)[0]
+    misfit = tip[is_common] - columns @ found
+    covariance = np.linalg.inv(columns.T @ columns) * _variance(misfit, 5)
+    return float(found[-1] / unit), float(np.sqrt(covariance[-1, -1]) / unit)
+
+
+def _contact(segment: Segment, constant: float, noise: float) -> tuple[float, float]:
+    """Return the contact point d of F = K (d - tip)^(3/2) - F_0, with its error.
+
+    The tip position is fitted by d - ((F + F_0) / K)^(2/3), with F_0 near the least force. An error
+    of the force moves the tip position by 1 / spring constant, and the curve by 1 / its slope: the
+    weights allow for both.
+    """
+    force, tip, _, attraction, error = _pressed(segment, _LOWER, _UPPER, noise)
+    if len(force) < _FEWEST_PRESSED:
+        raise ValueError(
+            f"Only {len(force)} points lie in the lower part of the contact, from which its zero "
+            "follows: measure more slowly, or with more points."
+        )
+    # The block means of a force that is nowhere negative scatter about zero.
+    attraction = attraction if attraction > _ABOVE_NOISE * error else 0.0
+    # The variables are d, K^(-2/3), and a factor of the attraction, which is about one.
+    found = np.array([0.0, 0.0, 1.0])
+    prior = noise / _FACTOR_ERROR
+    rows = np.zeros((len(force) + 1, 3))
+    values = np.zeros(len(force) + 1)
+    for _ in range(_WEIGHINGS):
+        pushing = np.maximum(force + found[2] * attraction, _LOWER / 2 * np.ptp(force))
+        slopes = pushing ** (-1 / 3) * 2 / 3
+        weights = 1 / (1 / constant + max(found[1], 0) * slopes)
+        moved = -found[1] * attraction * slopes
+        columns = np.stack([np.ones_like(force), -(pushing ** (2 / 3)), moved], axis=1)
+        rows = np.vstack([weights[:, None] * columns, [0, 0, prior]])
+        values = np.append(weights * (tip + moved * found[2]), prior)
+        found = np.linalg.lstsq(rows, values, rcond=None)[0]
+        found[2] = np.clip(found[2], 1 / _LARGEST_FACTOR, _LARGEST_FACTOR)
+    misfit = (values - rows @ found)[:-1]
+    variance = np.linalg.inv(rows.T @ rows)[0, 0] * _variance(misfit, 3)
+    return float(found[0]), float(np.sqrt(variance))
+
+
+def _with_error(value: float, error: float) -> str:
+    """Return a number and its error, to two digits of the error."""
+    return f"{value:.6g} ± {error:.2g}"

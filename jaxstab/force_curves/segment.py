@@ -1,0 +1,70 @@
+"""A segment of a force curve: the columns of approach, retraction or a pause."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+_NO_SPRING = (
+    "The tip position is unknown, since the curve has no spring constant: give it in N/m, as in "
+    "js.force_curves.read(path, spring_constant=0.2)."
+)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Segment:
+    """A part of a force curve in the order of the measurement, NaN where points are missing.
+
+    Attributes:
+        force: positive in compression [force].
+        height: of the far end of the cantilever, growing away from the sample [length].
+        tip: the position of the tip, None if the spring constant is unknown [length].
+        time: [s], None if the file holds none.
+        stated_speed: the speed according to the file [length/s].
+    """
+
+    force: np.ndarray
+    height: np.ndarray
+    tip: np.ndarray | None = None
+    time: np.ndarray | None = None
+    stated_speed: float | None = None
+
+    @property
+    def tip_position(self) -> np.ndarray:
+        """The height of the tip, height + force / spring constant [length].
+
+        Raises:
+            ValueError: if the spring constant is unknown.
+        """
+        if self.tip is None:
+            raise ValueError(_NO_SPRING)
+        return self.tip
+
+    @property
+    def speed(self) -> float | None:
+        """The mean speed of the far end, or the speed that the file states [length/s]."""
+        if self.time is None or not np.ptp(self.time) > 0:
+            return self.stated_speed
+        return float(abs(self.height[-1] - self.height[0]) / np.ptp(self.time))
+
+    @property
+    def is_present(self) -> np.ndarray:
+        """The mask of points that are not missing."""
+        return np.isfinite(self.force) & np.isfinite(self.height)
+
+    @property
+    def num_missing(self) -> int:
+        """The number of missing points."""
+        return int(np.sum(~self.is_present))
+
+    def __len__(self) -> int:
+        return len(self.force)
+
+    def scaled(self, length: float, force: float) -> "Segment":
+        """Return the segment in other units, given factors."""
+        return Segment(
+            force=self.force * force,
+            height=self.height * length,
+            tip=None if self.tip is None else self.tip * length,
+            time=self.time,
+            stated_speed=None if self.stated_speed is None else self.stated_speed * length,
+        )

@@ -1,0 +1,163 @@
+"""Baselines, contact points and drifts of curves whose truth is known."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import synthetic
+
+import jaxstab as js
+
+LAWS = {"hertz": synthetic.hertz(), "dmt": synthetic.dmt(), "jkr": synthetic.jkr()}
+
+
+def deviations(law, seed, noise=0.05):
+    """Return the errors of a corrected curve over their standard errors, by name."""
+    random = np.random.default_rng(1000 + seed)
+    contact = 5 * random.normal()
+    drift, tilt = 0.3 * random.normal(), 2e-3 * random.normal()
+    offsets = 0.5 * random.normal(size=2)
+    curve = synthetic.recorded(
+        LAWS[law], seed, contact=contact, drift=drift, tilt=tilt, offsets=offsets, noise=noise
+    )
+    found = curve.corrected().correction
+    lines = {"approach": found.approach, "retraction": found.retraction}
+    # The force of a baseline is given at the contact point that was found.
+    away = tilt * (found.contact_point - contact)
+    result = {
+        f"force of {name}": (line.force - offset - away) / line.force_error
+        for (name, line), offset in zip(lines.items(), offsets, strict=True)
+    }
+    result |= {f"tilt of {n}": (x.slope - tilt) / x.slope_error for n, x in lines.items()}
+    result["drift"] = (found.drift - drift) / found.drift_error
+    # The contact point is exact for the theory of Derjaguin, Muller and Toporov, and for Hertz'.
+    if law != "jkr":
+        result["contact"] = (found.contact_point - contact) / found.contact_error
+    return result
+
+
+@pytest.mark.parametrize("law", LAWS)
+def test_the_truth_lies_within_two_errors_in_95_of_100(law):
+    found = [deviations(law, seed) for seed in range(100)]
+    within = {name: sum(abs(one[name]) < 2 for one in found) for name in found[0]}
+    assert np.mean(list(within.values())) >= 95
+    assert min(within.values()) >= 91
+    # Errors are no wider than it takes.
+    scatter = {name: np.std([one[name] for one in found]) for name in found[0]}
+    assert min(scatter.values()) > 0.5, scatter
+
+
+def test_corrected_forces_and_heights_are_those_of_the_law():
+    indentation, force = LAWS["hertz"]
+    curve = synthetic.recorded(LAWS["hertz"], 0, noise=0.01).corrected()
+    for segment in (curve.approach, curve.retraction):
+        pressing = (segment.force > 5) & (segment.force < 60)
+        expected = np.interp(segment.force[pressing], force, indentation)
+        # The noise of the deflection, 0.01 nN / (0.5 N/m).
+        assert np.std(segment.tip_position[pressing] + expected) < 0.025
+        assert abs(np.mean(segment.tip_position[pressing] + expected)) < 0.02
+        assert np.std(segment.force[segment.height > 1]) < 0.011
+        deflection = segment.tip_position - segment.height
+        np.testing.assert_allclose(deflection * curve.spring_constant, segment.force, atol=1e-9)
+    assert "contact point" in repr(curve)
+    assert "nm/s" in repr(curve)
+
+
+def test_hysteresis_of_the_sample_is_not_removed_as_a_drift():
+    curve = synthetic.recorded(LAWS["hertz"], 0, drift=5.0).corrected()
+    assert curve.correction.drift == pytest.approx(5, abs=2 * curve.correction.drift_error)
+    assert "drift left" in curve.remarks[-1]
+    tips = [
+        np.interp(5, np.sort(segment.force), np.sort(segment.tip_position)[::-1])
+        for segment in (curve.approach, curve.retraction)
+    ]
+    assert tips[1] - tips[0] > 0.5
+
+
+def test_units_change_nothing_but_numbers():
+    curve = synthetic.recorded(LAWS["dmt"], 3)
+    one = curve.corrected().in_units("m", "N").correction
+    two = curve.in_units("m", "N").corrected().correction
+    for name in ("contact_point", "contact_error", "drift", "drift_error"):
+        assert getattr(one, name) == pytest.approx(getattr(two, name), rel=1e-6)
+    for line, other in ((one.approach, two.approach), (one.retraction, two.retraction)):
+        for name in ("force", "force_error", "slope", "slope_error", "noise"):
+            assert getattr(line, name) == pytest.approx(getattr(other, name), rel=1e-6)
+
+
+def test_correlated_noise_makes_larger_errors():
+    curve = synthetic.recorded(LAWS["hertz"], 0, noise=0.0)
+    random = np.random.default_rng(0)
+    white = 0.05 * random.normal(size=2000)
+    slow = np.convolve(0.05 * random.normal(size=2029), np.ones(30) / 30**0.5, "valid")
+    errors = []
+    for noise in (white, slow):
+        approach = replace(curve.approach, force=curve.approach.force + noise)
+        noisy = replace(curve, approach=approach, retraction=None)
+        errors.append(noisy.corrected().correction.approach.force_error)
+    assert 3 < errors[1] / errors[0] < 8
+
+
+def test_missing_points_are_left_out_and_stay_missing():
+    curve = synthetic.recorded(LAWS["hertz"], 1)
+    force = curve.approach.force.copy()
+    force[100:130] = np.nan
+    holed = replace(curve, approach=replace(curve.approach, force=force)).corrected()
+    assert holed.approach.num_missing == 30
+    expected = curve.corrected().correction
+    error = 2 * expected.contact_error
+    assert holed.correction.contact_point == pytest.approx(expected.contact_point, abs=error)
+
+
+@pytest.mark.parametrize("part", ["approach", "retraction"])
+def test_a_single_segment_is_corrected(part):
+    curve = synthetic.recorded(LAWS["dmt"], 2, parts=(part,), drift=0.0).corrected()
+    assert curve.correction.drift is None
+    assert abs(curve.correction.contact_point - 3) < 3 * curve.correction.contact_error
+    missing = {"approach": "retraction", "retraction": "approach"}[part]
+    assert getattr(curve, missing) is None
+
+
+def test_without_a_spring_constant_the_baseline_alone_is_removed():
+    curve = synthetic.recorded(LAWS["hertz"], 2)
+    segments = {name: replace(x, tip=None) for name, x in curve.segments.items()}
+    curve = replace(curve, **segments, spring_constant=None)
+    corrected = curve.corrected()
+    assert corrected.correction.contact_point is None
+    assert "contact point unknown" in corrected.remarks[-1]
+    assert abs(corrected.approach.force[:500].mean()) < 0.01
+    np.testing.assert_array_equal(corrected.approach.height, curve.approach.height)
+
+
+def test_a_constant_baseline_has_no_tilt():
+    curve = synthetic.recorded(LAWS["hertz"], 2, tilt=0.0).corrected("constant")
+    assert curve.correction.approach.slope == 0 == curve.correction.approach.slope_error
+    assert abs(curve.correction.approach.force - 0.3) < 3 * curve.correction.approach.force_error
+    with pytest.raises(ValueError, match="baseline is 'quadratic'"):
+        curve.corrected("quadratic")
+
+
+def test_curves_that_cannot_be_corrected_say_why():
+    curve = synthetic.recorded(LAWS["hertz"], 2)
+    with pytest.raises(ValueError, match=r"reverse the forces by `-curve`"):
+        (-curve).corrected()
+    flat = replace(curve.approach, force=0 * curve.approach.force + 0.05)
+    with pytest.raises(ValueError, match="no contact"):
+        replace(curve, approach=flat).corrected()
+    short = {name: curve.approach.__dict__[name][::50] for name in ("force", "height", "tip")}
+    with pytest.raises(ValueError, match="40 points: a baseline needs 50"):
+        replace(curve, approach=js.force_curves.Segment(**short)).corrected()
+    curves = js.force_curves.ForceCurves((curve, replace(-curve, source="second")))
+    with pytest.raises(ValueError, match="second: The approach pulls"):
+        curves.corrected()
+
+
+def test_a_retraction_that_does_not_detach_is_corrected_by_the_approach():
+    curve = synthetic.recorded(LAWS["hertz"], 2, offsets=(0.3, 0.3))
+    near = curve.retraction.height < 3
+    cut = {
+        name: getattr(curve.retraction, name)[near] for name in ("force", "height", "tip", "time")
+    }
+    curve = replace(curve, retraction=js.force_curves.Segment(**cut)).corrected()
+    assert "retraction not detached" in curve.remarks[0]
+    assert curve.correction.retraction == curve.correction.approach
