@@ -66,12 +66,16 @@ class Citations:
     @property
     def bibtex(self) -> str:
         """The entries of BibTeX, for a `.bib` file."""
-        return "\n\n".join(_sources()[key].bibtex for key in self.reasons) + "\n"
+        return "\n\n".join(source.bibtex for source in self.sources) + "\n"
+
+    @property
+    def sources(self) -> list[Source]:
+        """The sources, in the order of their print."""
+        return [_sources()[key] for key in self.reasons]
 
     def __repr__(self) -> str:
         entries = []
-        for key, names in self.reasons.items():
-            source = _sources()[key]
+        for source, names in zip(self.sources, self.reasons.values(), strict=True):
             behind = f" (behind {', '.join(names)})" if names else ""
             entries.append(_wrapped(source.text, ""))
             entries.append(_wrapped(source.fields["role"] + behind, "    "))

@@ -26,6 +26,9 @@ COMMANDS = {
     "function `case` and its `axes`, as jaxstab.study takes them. Finished cases are never run "
     "again.",
     "info": "Describe a file: a surface, with its statistics, or a result.",
+    "report": "Describe how a scanned surface sticks, on a page of HTML that needs no other file: "
+    "the surface, the loop of approach and retraction, the pull-off and its uncertainty, patches, "
+    "verdicts, assumptions and sources. All numbers are in SI units.",
     "plot": "Draw a result: a loop, a branch, a pass, a stability curve, or a state's fields.",
     "cite": "Print the sources to cite: the software, and the papers behind its functions.",
 }
@@ -97,7 +100,7 @@ def _parsers() -> tuple[Parser, dict[str, Parser]]:
     parser = Parser(prog="jaxstab", description=description)
     parser.add_argument("--version", action="version", version=f"%(prog)s {version('jaxstab')}")
     commands = parser.add_subparsers(title="commands", metavar="COMMAND")
-    adders = (_add_run, _add_study, _add_info, _add_plot, _add_cite)
+    adders = (_add_run, _add_study, _add_info, _add_report, _add_plot, _add_cite)
     parsers = {}
     for (name, description), add in zip(COMMANDS.items(), adders, strict=True):
         help = re.split("[:;]", description)[0]
@@ -121,11 +124,7 @@ def _add_run(parser: Parser) -> None:
     add("--k-high", type=number, default=32.0, help=f"upper cut-off{_DEFAULT}")
     add("--rms-height", type=number, default=0.1, help=f"rms height{_DEFAULT}")
     _add_file(parser, "measured surface", "--surface")
-    add = parser.add_argument_group("treatment of a measured surface").add_argument
-    help = f"order of the trend that is removed{_DEFAULT}"
-    add("--detrend", type=whole_number(0, 2), default=1, help=help)
-    help = "how to make its edges meet (default: as they are, with a warning)"
-    add("--periodic", choices=["window", "mirror", "as_is"], help=help)
+    _add_treatment(parser, "as they are, with a warning", None)
     # Defaults of the paper's example, which suit the generated surface.
     add = parser.add_argument_group("solid and adhesion (all needed with --surface)").add_argument
     add("--youngs-modulus", type=number, default=1e-3, help=f"E{_DEFAULT}")
@@ -174,6 +173,15 @@ def _add_file(parser: Parser, title: str, *names: str) -> None:
     add("--channel", help="channel to read (default: the first with heights)")
 
 
+def _add_treatment(parser: Parser, default: str, periodic: str | None) -> None:
+    """Add the options of the treatment of a measured surface."""
+    add = parser.add_argument_group("treatment of a measured surface").add_argument
+    help = f"order of the trend that is removed{_DEFAULT}"
+    add("--detrend", type=whole_number(0, 2), default=1, help=help)
+    help = f"how to make its edges meet (default: {default})"
+    add("--periodic", choices=["window", "mirror", "as_is"], default=periodic, help=help)
+
+
 def _add_import(parser: Parser) -> None:
     help = "import a module that defines classes of the result; loading a file imports none"
     parser.add_argument("--import", action="append", default=[], metavar="MODULE", help=help)
@@ -204,6 +212,24 @@ def _add_info(parser: Parser) -> None:
     parser.add_argument("file", type=existing_file, metavar="FILE", help=help)
     _add_file(parser, "a surface")
     _add_import(parser)
+
+
+def _add_report(parser: Parser) -> None:
+    _add_file(parser, "a scan", "file")
+    _add_treatment(parser, "window", "window")
+    help = "points along the longest side (default: as many as the scan has, at most 128)"
+    parser.add_argument("--size", type=whole_number(8), help=help)
+    add = parser.add_argument_group("solid and adhesion, in SI units").add_argument
+    add("--modulus", type=number, required=True, metavar="E", help="Young's modulus [Pa]")
+    help = f"Poisson's ratio{_DEFAULT}, as of rubber"
+    add("--poisson-ratio", type=number, default=0.5, metavar="NU", help=help)
+    help = "work of adhesion w, twice gamma of equal surfaces [J/m^2]"
+    add("--work", type=number, required=True, metavar="W", help=help)
+    help = "range of an exponential attraction [m] (default: the shortest that the grid resolves)"
+    add("--range", type=number, metavar="RHO", help=help)
+    help = f"the page{_DEFAULT}"
+    default = Path("report.html")
+    parser.add_argument("--output", type=Path, default=default, metavar="FILE", help=help)
 
 
 def _add_plot(parser: Parser) -> None:

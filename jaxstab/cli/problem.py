@@ -32,7 +32,7 @@ def surface_of(path: Path, options: argparse.Namespace) -> surfaces.Topography:
 def contact_of(options: argparse.Namespace) -> Contact:
     """Return the contact that the options describe."""
     if options.surface is not None:
-        heights = topography_of(options)
+        heights = topography_of(options.surface, options)
         grid = heights.grid
     else:
         grid = Grid(options.size)
@@ -42,9 +42,9 @@ def contact_of(options: argparse.Namespace) -> Contact:
     return Contact(solid, heights, _potential(options), pressure_unit=options.pressure_unit)
 
 
-def topography_of(options: argparse.Namespace) -> surfaces.Topography:
+def topography_of(path: Path, options: argparse.Namespace) -> surfaces.Topography:
     """Return the surface of a file, without gaps and trend."""
-    topography = surface_of(options.surface, options)
+    topography = surface_of(path, options)
     if topography.num_missing:
         fraction = topography.num_missing / topography.heights.size
         warn(f"{100 * fraction:.3g} % of the points were missing and have been filled.")

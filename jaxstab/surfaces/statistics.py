@@ -4,7 +4,7 @@ Heights are an array, or a `Topography` with its own grid.
 """
 
 from functools import partial
-from typing import Any, Protocol
+from typing import Any, ClassVar, Protocol
 
 import equinox as eqx
 import jax
@@ -32,10 +32,10 @@ _ROUNDING = 1e-3
 class Elastic(Protocol):
     """The attributes of a solid that statistics need."""
 
+    is_window: ClassVar[bool]
+
     @property
     def grid(self) -> Grid: ...  # noqa: D102
-    @property
-    def is_window(self) -> bool: ...  # noqa: D102
     def apply(self, displacement: Array, /) -> Array: ...  # noqa: D102
     def with_uniform_stiffness(self, stiffness: ArrayLike, /) -> Any: ...  # noqa: D102
 
