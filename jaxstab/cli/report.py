@@ -205,7 +205,7 @@ def _statistics(results: Results) -> tuple[list[list[str]], list[str]]:
         "effective work of adhesion",
     ]
     columns = [_statistics_of(results, surface) for surface in surfaces]
-    law = js.surfaces.power_law(js.surfaces.power_spectrum(surfaces[0].grid, surfaces[0]))
+    law = results.power_law
     waves = [measured(units, 2 * math.pi / q, "length") for q in (law.rolloff, law.cutoff)]
     hurst = f"{law.hurst:.2f} ± {law.hurst_error:.2f}, waves of {waves[0]} to {waves[1]}"
     rows = [list(row) for row in zip(names, *columns, strict=True)]

@@ -46,6 +46,7 @@ class Results:
 
     Attributes:
         scan: the surface with all its points, in metres.
+        power_law: of the scan's spectrum.
         surface: the surface on the points of the contact.
         solid, law: of the contact.
         contact: the contact problem.
@@ -55,6 +56,7 @@ class Results:
     """
 
     scan: Topography
+    power_law: js.surfaces.PowerLaw
     surface: Topography
     solid: js.HalfSpace
     law: js.potentials.Exponential
@@ -70,6 +72,7 @@ def results_of(options: argparse.Namespace) -> Results:
     if scan.unit is None:
         raise ValueError(f"{options.file} has no unit of length: give --unit, as in --unit um.")
     scan = scan.in_unit("m")
+    power_law = js.surfaces.power_law(js.surfaces.power_spectrum(scan.grid, scan))
     surface = _resampled(scan, options.size)
     solid = js.HalfSpace(surface.grid, options.modulus, options.poisson_ratio)
     law = _law(solid, surface, options)
@@ -83,7 +86,7 @@ def results_of(options: argparse.Namespace) -> Results:
     # A coarser grid is the purpose of the last one.
     with warnings.catch_warnings(action="ignore", category=js.ResolutionWarning):
         pull_offs.append(_pull_off(js.Contact(coarser_solid, coarser, law)))
-    return Results(scan, surface, solid, law, contact, states, loop, pull_offs)
+    return Results(scan, power_law, surface, solid, law, contact, states, loop, pull_offs)
 
 
 def _resampled(surface: Topography, size: int | None) -> Topography:
