@@ -92,7 +92,9 @@ from .stability.verdict import VERDICTS
 from .studies import StudyInterrupted, study
 from .surfaces import SurfaceWarning
 from .transitions import (
+    Detachment,
     Transition,
+    detachment,
     easiest_exit,
     transition,
 )
@@ -113,6 +115,7 @@ __all__ = [
     "Contact",
     "CriticalLoad",
     "Davidson",
+    "Detachment",
     "Dimension",
     "Eigenpair",
     "Equilibrium",
@@ -170,6 +173,7 @@ __all__ = [
     "conductance",
     "continuation",
     "critical_load",
+    "detachment",
     "easiest_exit",
     "equilibrate",
     "evolve",

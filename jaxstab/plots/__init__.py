@@ -8,6 +8,7 @@ from jaxstab.plots.adhesion_map import adhesion_map
 from jaxstab.plots.animation import animation
 from jaxstab.plots.branches import branch, transition
 from jaxstab.plots.curves import convergence, force, potential, spectrum, stability_curve
+from jaxstab.plots.detachments import detachment
 from jaxstab.plots.evolutions import evolution
 from jaxstab.plots.fields import contact_map, gap, mode, mode_cut, pressure, surface
 from jaxstab.plots.force_curves import force_curve
@@ -22,6 +23,7 @@ __all__ = [
     "branch",
     "contact_map",
     "convergence",
+    "detachment",
     "distribution",
     "evolution",
     "flow",

@@ -20,6 +20,8 @@ KNOWN = [
     (js.HalfSpace, ["Westergaard"], "1939"),
     (js.continuation, ["Keller"], "1977"),
     (js.transition, ["E", "Ren", "Vanden-Eijnden"], "2007"),
+    (js.detachment, ["Kramers"], "1940"),
+    (js.detachment, ["Evans", "Ritchie"], "1997"),
     (js.potentials.Dugdale, ["Dugdale"], "1960"),
     (js.potentials.LennardJones, ["Israelachvili"], "2011"),
     (js.references.maugis, ["Maugis"], "1992"),

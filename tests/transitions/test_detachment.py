@@ -1,0 +1,174 @@
+"""Thermal detachment beside quadratures of exact barriers."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from scipy.integrate import cumulative_trapezoid
+from scipy.interpolate import PchipInterpolator
+
+import jaxstab as js
+
+WORK, RANGE = 0.03, 0.2
+RATES = np.geomspace(1, 1e6, 4)
+PARTS = np.array([0.05, 0.5, 0.95])
+
+
+def exact_quantiles(barrier, tensions, energy, attempts, rates=RATES):
+    """Return by a fine quadrature the tensions before which parts have detached."""
+    hazard = cumulative_trapezoid(attempts * np.exp(-barrier / energy), tensions, initial=0)
+    detached = 1 - np.exp(-hazard / rates[:, None])
+    return np.array([np.interp(PARTS, one, tensions) for one in detached])
+
+
+def flat_exponential():
+    """Return a law, tensions, and the barriers of a flat surface, a release of the power 2."""
+    last = WORK / RANGE
+    tensions = np.linspace(0.3 * last, last, 400_001)
+    barrier = WORK - RANGE * tensions * (1 - np.log(tensions / last))
+    return js.potentials.Exponential(WORK, RANGE), tensions, barrier, 2
+
+
+def flat_lennard_jones():
+    """Return the same of a fold, of the power 3/2, at the tension at which the law is steepest."""
+    law = js.potentials.LennardJones(WORK, RANGE)
+    gaps = np.linspace(0.9, 20, 1_000_001) * RANGE
+    energy, slope = (np.asarray(f(gaps)) for f in (jax.vmap(law), jax.vmap(jax.grad(law))))
+    top = int(slope.argmax())
+    tensions = np.linspace(0.3, 1, 100_001) * slope[top]
+    near = np.interp(tensions, slope[: top + 1], gaps[: top + 1])
+    far = np.interp(-tensions, -slope[top:], gaps[top:])
+    lost = np.interp(far, gaps, energy) - np.interp(near, gaps, energy)
+    return law, tensions, lost - tensions * (far - near), 3 / 2
+
+
+@pytest.mark.parametrize("flat", [flat_exponential, flat_lennard_jones])
+def test_flat_surfaces_detach_as_by_the_quadrature_of_the_exact_barrier(detaching, flat):
+    line, _ = detaching
+    law, tensions, barrier, power = flat()
+    contact = js.Contact(line.solid, jnp.zeros(12), law)
+    energy, attempts = 2e-6, 1e12
+    options = {"thermal_energy": energy, "attempt_rate": attempts}
+    found = js.detachment(contact, js.MeanPressure(-tensions[0]), rate=RATES, **options)
+    strongest = tensions[-1]
+    expected = exact_quantiles(barrier, tensions, energy, attempts)
+    lowering = strongest + np.asarray(found.quantile(PARTS))
+    np.testing.assert_allclose(lowering, strongest - expected, rtol=5e-3)
+    np.testing.assert_allclose(found.median, -expected[:, 1], rtol=2e-4)
+    np.testing.assert_allclose(found.survival(-expected[1])[1], 1 - PARTS, atol=5e-3)
+    assert found.num_passes < 12
+    # The lowering to this power falls by kT / C for each ln(rate), B = C s^power.
+    near = np.searchsorted(tensions, 0.999 * strongest)
+    coefficient = barrier[near] / (strongest - tensions[near]) ** power
+    right, wrong = (
+        -np.diff(lowering[:, 1] ** other) / np.diff(np.log(RATES)) for other in (power, 3.5 - power)
+    )
+    np.testing.assert_allclose(right * coefficient / energy, 1, atol=0.1)
+    assert np.ptp(right) / right.mean() < 0.05 < np.ptp(wrong) / wrong.mean()
+
+
+def test_a_rough_line_detaches_as_by_the_branch_around_its_pull_off(detaching):
+    contact, _ = detaching
+    options = {"fields": True, "max_step": 0.003, "max_states": 150}
+    branch = js.continuation(contact, js.MeanPressure(jnp.array([0.0, -1.0])), **options)
+    tension = -np.asarray(branch.load.value)
+    potential = np.asarray(branch.equilibrium.energy) - tension * branch.equilibrium.mean_gap
+    (turn,) = np.asarray(branch.turns.state)
+    stable = PchipInterpolator(tension[: turn + 1], potential[: turn + 1])
+    saddle = PchipInterpolator(tension[turn:][::-1], potential[turn:][::-1])
+    tensions = np.linspace(0.05, tension[turn], 100_001)
+    energy, attempts = 2e-4, 1e9
+    expected = exact_quantiles(saddle(tensions) - stable(tensions), tensions, energy, attempts)
+    load = js.MeanPressure(-0.05)
+    options = {"thermal_energy": energy, "attempt_rate": attempts}
+    found = js.detachment(contact, load, rate=RATES, **options)
+    assert found.is_direct
+    # Those of the slowest rate begin before the load.
+    np.testing.assert_allclose(found.quantile(PARTS)[1:], -expected[1:], rtol=2e-4)
+    error = np.abs(found.quantile(PARTS)[1:] + expected[1:])
+    assert (error < found.quantile_error(PARTS)[1:] + 1e-5).all()
+    held = js.detachment(contact, load, **options)
+    pass_ = js.transition(contact, load, branch[0], None)
+    life = 1 / pass_.rate(energy, attempts)
+    np.testing.assert_allclose([held.mean_life, found.mean_life], life, rtol=1e-8)
+    assert held.num_passes == 1
+    with pytest.raises(ValueError, match=r"load is held.*give `rate`"):
+        _ = held.median
+
+
+def test_a_load_that_grows_from_zero_has_the_work_of_separation_as_its_barrier(detaching):
+    line, _ = detaching
+    contact = js.Contact(line.solid, jnp.zeros(12), line.potential)
+    options = {"thermal_energy": 1e-3, "attempt_rate": 1e3, "rate": 1e-3}
+    found = js.detachment(contact, js.MeanPressure(0.0), **options)
+    np.testing.assert_allclose(found.barriers[0], WORK, rtol=1e-8)
+    np.testing.assert_allclose(found.mean_life, np.exp(30) / 1e3, rtol=1e-6)
+    _, tensions, _, _ = flat_exponential()
+    tensions = np.linspace(1e-9, tensions[-1], 400_001)
+    barrier = WORK - RANGE * tensions * (1 - np.log(tensions / tensions[-1]))
+    expected = exact_quantiles(barrier, tensions, 1e-3, 1e3, np.array([1e-3]))
+    np.testing.assert_allclose(found.quantile(PARTS), -expected[0], rtol=5e-4)
+    # A rate at which thermal motion has no time.
+    options["rate"] = 1e9
+    found = js.detachment(contact, js.MeanPressure(0.0), **options)
+    assert found.median == found.pull_off.load.value
+    assert found.survival(0.99999 * found.median) > 0.99
+    assert found.survival(1.00001 * found.median) == 0
+
+
+# A contact whose state jumps before its pull-off, through a release.
+def test_barriers_on_both_sides_of_a_jump_are_those_of_its_states(detaching):
+    line, _ = detaching
+    heights = js.surfaces.self_affine(line.grid, jax.random.key(33), k_high=5, rms_height=0.08)
+    contact = js.Contact(line.solid, heights, js.potentials.Exponential(0.02, 0.07))
+    options = {"thermal_energy": 3e-5, "attempt_rate": 1e6, "rate": 1e3}
+    found = js.detachment(contact, js.MeanPressure(-0.04), **options)
+    path = js.follow(contact, js.MeanPressure(jnp.array([0.0, -0.06])), fields=True)
+    assert len(path.jumps) == 2
+    for state, side in ((path.jumps.before[0], 0.99), (path.jumps.after[0], 1.01)):
+        load = js.MeanPressure(side * path.jumps.load.value[0])
+        there = js.transition(contact, load, state.gap, None).there
+        between = np.interp(-load.value, -found.loads, found.barriers)
+        np.testing.assert_allclose(between, there, atol=0.02 * 3e-5)
+
+
+def test_a_detachment_prints_its_quantiles_with_units(detaching):
+    line, _ = detaching
+    flat = line.solid, jnp.zeros(12), line.potential
+    contact = js.Contact(*flat, unit="nm", pressure_unit="MPa")
+    options = {"thermal_energy": 1e-3, "attempt_rate": 1e6}
+    text = repr(js.detachment(contact, js.MeanPressure(-0.08), rate=[1.0, 1e3], **options))
+    head, life, barrier, passes, columns, _, *rows = text.splitlines()
+    assert head.startswith("Detachment: mean pressure -0.08 MPa, pull-off without thermal motion")
+    assert "mean life" in life and "kT" in barrier and "computed barriers" in passes
+    assert "rate" in columns and "median force [" in columns and len(rows) == 2
+    assert "rate" not in repr(js.detachment(contact, js.MeanPressure(-0.08), **options))
+
+
+def test_loads_and_numbers_without_a_detachment_are_refused_with_the_cure(detaching):
+    contact, _ = detaching
+    options = {"thermal_energy": 1e-4, "attempt_rate": 1e6, "rate": 1.0}
+    pull = js.MeanPressure(-0.05)
+    with pytest.raises(ValueError, match=r"load is 0.1: give a tension"):
+        js.detachment(contact, js.MeanPressure(0.1), **options)
+    with pytest.raises(ValueError, match=r"without thermal motion .* at -0.100757: give a smaller"):
+        js.detachment(contact, js.MeanPressure(-0.2), **options)
+    with pytest.raises(TypeError, match=r"Spring.*give a MeanPressure that pulls.*soft spring"):
+        js.detachment(contact, js.Spring(0.1, 1.0), **options)
+    with pytest.raises(ValueError, match="takes one load"):
+        js.detachment(contact, js.MeanPressure(-jnp.ones(2)), **options)
+    for name in options:
+        for bad in (0.0, -1.0, np.nan):
+            with pytest.raises(ValueError, match="must be positive and finite"):
+                js.detachment(contact, pull, **{**options, name: bad})
+    with pytest.raises(TypeError, match="detachment works on known numbers"):
+        jax.jit(lambda x: js.detachment(contact, js.MeanPressure(x), **options).median)(-0.05)
+    start = js.equilibrate(contact, js.MeanPressure(-0.08), initial=jnp.full(12, 1e-3))
+    with pytest.raises(ValueError, match=r"initial state is at -0.08: give one at a smaller"):
+        js.detachment(contact, pull, initial=start, **options)
+    without = js.Contact(contact.solid, contact.heights, js.potentials.NoAdhesion())
+    with pytest.raises(js.SolverError, match="no_attraction"):
+        js.detachment(without, pull, **options)
+    found = js.detachment(contact, js.MeanPressure(-0.095), **options)
+    with pytest.raises(ValueError, match=r"probability is 1.5: give numbers from 0 to 1"):
+        found.quantile(1.5)
