@@ -24,8 +24,7 @@ from jaxstab.branches.kinds import KINDS
 from jaxstab.branches.point import states_along
 from jaxstab.branches.states import PathInterrupted
 from jaxstab.contact import Contact, require_contact
-from jaxstab.contact.entry import answer
-from jaxstab.contact.resolution import FOR_JUMPS
+from jaxstab.contact.resolution import FOR_JUMPS, warn_if_coarse
 from jaxstab.core.checks import (
     concrete,
     integer,
@@ -34,18 +33,22 @@ from jaxstab.core.checks import (
     require_positive,
     scalar_parameter,
 )
+from jaxstab.core.compile import own_conventions
 from jaxstab.core.control_flow import by_entries, while_loop
 from jaxstab.core.display import several
+from jaxstab.core.implicit import refuse_derivatives
 from jaxstab.core.interrupts import early_ends, interrupts_after, interrupts_held
-from jaxstab.core.progress import advance_if_known
+from jaxstab.core.progress import advance_if_known, progress_bar
 from jaxstab.core.results import RESULTS
 from jaxstab.core.stack import stacked
 from jaxstab.core.table import Table
 from jaxstab.core.types import ArrayLike, Field, Flag, Scalar
 from jaxstab.core.warn import warn
 from jaxstab.equilibrium import PreconditionedConjugateGradient, SaddleNewton
-from jaxstab.equilibrium.equilibrate import find, posed
+from jaxstab.equilibrium.equilibrate import find
 from jaxstab.equilibrium.equilibrium import State
+from jaxstab.equilibrium.posing import finished, posed
+from jaxstab.equilibrium.start import start_of
 from jaxstab.loads import Load
 
 # Turns that there is room for under JAX transformations.
@@ -120,17 +123,15 @@ def continuation(
     if longest is not None and shortest is not None:
         require("min_step", shortest, shortest <= longest, "give at most `max_step`.")
     is_state = isinstance(initial, eqx.Module)
-    padded, start = posed(contact, load[0], initial, FOR_JUMPS)
-    return answer(
-        partial(_search, number, fields, is_state),
-        padded,
-        load,
-        start,
-        steps,
-        bar=(number, "states", progress),
-        describe=partial(_describe, load),
-        throw=throw,
-    )
+    load.warn_if_soft(contact.solid)
+    warn_if_coarse(contact, FOR_JUMPS)
+    problem = posed(contact, load)
+    start = start_of(problem.contact, problem.state[0], initial)
+    given = problem.contact, problem.state, start, steps
+    constants = jax.lax.stop_gradient(refuse_derivatives(given))
+    with own_conventions(), progress_bar(number, "states", shown=progress, inputs=constants):
+        branch = _search(number, fields, is_state, *constants)
+    return finished(branch, problem, partial(_describe, load), throw)
 
 
 def _search(
@@ -139,7 +140,7 @@ def _search(
     is_state: bool,
     contact: Contact,
     load: Load,
-    start: Field | None,
+    start: Field,
     steps: list[Scalar | None],
 ) -> Branch:
     inputs = contact, load, start, steps
@@ -150,7 +151,7 @@ def _search(
 
 
 def _begun(
-    is_state: bool, contact: Contact, load: Load, start: Field | None, steps: list[Scalar | None]
+    is_state: bool, contact: Contact, load: Load, start: Field, steps: list[Scalar | None]
 ) -> Begun:
     solver = SaddleNewton() if is_state else PreconditionedConjugateGradient()
     problem, branch = begin(contact, load, find(contact, load[0], solver, start), *steps)

@@ -21,23 +21,24 @@ from jaxstab.branches.energy import characteristic_energy, supply_of
 from jaxstab.branches.kinds import KINDS
 from jaxstab.branches.limit import Limit, limit_of, no_limit
 from jaxstab.contact import Contact, require_contact
-from jaxstab.contact.entry import answer
 from jaxstab.contact.resolution import FOR_JUMPS, warn_if_coarse
 from jaxstab.core.checks import array
-from jaxstab.core.compile import in_pieces, program
+from jaxstab.core.compile import in_pieces, own_conventions, program
 from jaxstab.core.control_flow import choose, cond, while_loop
 from jaxstab.core.grid import mean
-from jaxstab.core.progress import advance_if_known, advance_to
+from jaxstab.core.interrupts import interrupts_held
+from jaxstab.core.progress import advance_if_known, advance_to, progress_bar
 from jaxstab.core.results import RESULTS
 from jaxstab.core.types import ArrayLike, Field, Flag, Scalar
 from jaxstab.equilibrium import Equilibrium, PreconditionedConjugateGradient
-from jaxstab.equilibrium.equilibrate import find, first_gap
+from jaxstab.equilibrium.equilibrate import find
 from jaxstab.equilibrium.equilibrium import State, fields_of
-from jaxstab.equilibrium.window import padded_start
+from jaxstab.equilibrium.posing import finished, posed
+from jaxstab.equilibrium.start import initial_of_path, start_of
 from jaxstab.loads import Load
 
 # Where the branches from the two loads start.
-Starts = list[Field | None]
+Starts = list[Field]
 # A branch is followed from either load.
 _NUM_SEARCHES = 2
 # Releases that lose a smaller part of the problem's characteristic energy do not end a branch: so
@@ -100,29 +101,24 @@ def critical_load(
     require_contact(contact)
     cure = "give one on the stable branch and one beyond its end."
     bracket = two_loads(bracket, contact, "critical_load takes two loads", cure)
+    bracket.warn_if_soft(contact.solid)
     warn_if_coarse(contact, FOR_JUMPS)
-    padded = contact
-    starts = []
-    for load in bracket:
-        padded, start = padded_start(contact, load, first_gap(contact, load, initial))
-        starts.append(start)
-    return answer(
-        _search,
-        padded,
-        bracket,
-        starts,
-        bar=(_NUM_SEARCHES, "search", progress),
-        differentiable=critical_load_at,
-        describe=partial(_describe, bracket),
-        throw=throw,
-    )
-
-
-def _search(contact: Contact, bracket: Load, starts: Starts) -> Limit:
-    limit = _find(contact, bracket, starts)
-    # Not all searches are needed.
-    advance_to(lambda: _NUM_SEARCHES)
-    return limit
+    problem = posed(contact, bracket)
+    inputs = problem.contact, problem.state
+    starts = [
+        start_of(problem.contact, load, initial_of_path(problem.contact, load, initial))
+        for load in problem.state
+    ]
+    constants = jax.lax.stop_gradient((*inputs, starts))
+    with own_conventions():
+        with progress_bar(_NUM_SEARCHES, "search", shown=progress, inputs=constants):
+            limit = _find(*constants)
+            # Not all searches are needed.
+            advance_to(lambda: _NUM_SEARCHES)
+        # An interrupt here would lose a long search.
+        with interrupts_held():
+            end = critical_load_at(*inputs, limit)
+    return finished(end, problem, partial(_describe, bracket), throw)
 
 
 @in_pieces
@@ -183,7 +179,7 @@ class _Search(eqx.Module):
         return replace(self, is_open=~self.is_over & is_ahead)
 
 
-def _limit(contact: Contact, loads: Load, start: Field | None) -> Limit:
+def _limit(contact: Contact, loads: Load, start: Field) -> Limit:
     """Return where the branch from the first load ends as the load goes to the second.
 
     At a contact edge that moves by one point of the grid a release may lose next to nothing. Then
@@ -206,10 +202,8 @@ def _limit(contact: Contact, loads: Load, start: Field | None) -> Limit:
 
 
 @program
-def _begun(contact: Contact, loads: Load, start: Field | None) -> _Search:
+def _begun(contact: Contact, loads: Load, start: Field) -> _Search:
     first, last = loads.value.astype(contact.heights.dtype)
-    if start is None:
-        start = contact.control(loads[0]).starting_gap(contact.heights)
     no = jnp.array(False)
     none = jnp.array(0)
     limit = no_limit(contact, loads[0], start)

@@ -15,8 +15,9 @@ from jaxstab.contact import Contact
 from jaxstab.core.results import RESULTS
 from jaxstab.core.units import NUMBER, declared
 from jaxstab.equilibrium import PreconditionedConjugateGradient
-from jaxstab.equilibrium.equilibrate import find_equilibrium, with_derivatives
-from jaxstab.equilibrium.window import padded_start
+from jaxstab.equilibrium.equilibrate import solved
+from jaxstab.equilibrium.posing import as_given, posed
+from jaxstab.equilibrium.start import start_of
 from jaxstab.loads import Load
 
 Order = Literal["continuation", "independent"]
@@ -131,8 +132,8 @@ class Model:
         """Return the mean pressure at one load, and the gap, the start of the next load."""
         offset, baseline = values[-2:]
         load = load.at(load.value - offset)
-        padded, start = padded_start(self.contact_at(values), load, start)
-        inputs = jax.lax.stop_gradient((padded, load, PreconditionedConjugateGradient(), start))
-        found = with_derivatives(padded, load, find_equilibrium(*inputs)).on_surface(padded.solid)
+        problem = posed(self.contact_at(values), load)
+        gap = start_of(problem.contact, problem.state, start)
+        found = as_given(solved(problem, PreconditionedConjugateGradient(), gap), problem)
         is_found = found.result == RESULTS.successful
         return jnp.where(is_found, found.mean_pressure, jnp.nan) + baseline, found.gap

@@ -103,13 +103,17 @@ def undefined(values: Tree, _: PyTree, inputs: PyTree, changes: PyTree) -> tuple
     return jax.tree.map(jnp.zeros_like, values), jnp.array(True)
 
 
-@jax.custom_jvp
 def refuse_derivatives(tree: Tree) -> Tree:
     """Return `tree`, and raise where its derivatives are taken."""
+    return _without_derivatives(tree)  # pyright: ignore[reportReturnType]
+
+
+@jax.custom_jvp
+def _without_derivatives(tree: Tree) -> Tree:
     return tree
 
 
-@refuse_derivatives.defjvp
+@_without_derivatives.defjvp
 def _refuse(primals: tuple[Tree], tangents: tuple[Tree]) -> tuple[Tree, Tree]:
     raise NotImplementedError(
         "lowest_modes, calibrate and continuation cannot be differentiated: apply "

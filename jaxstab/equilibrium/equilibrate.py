@@ -3,18 +3,15 @@
 from dataclasses import replace
 from functools import partial
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from jaxstab.contact.contact import Contact, require_contact
-from jaxstab.contact.entry import answer
-from jaxstab.contact.resolution import FOR_STATES, warn_if_coarse
-from jaxstab.core.checks import concrete, is_traced, numbers, require, require_finite, require_shape
-from jaxstab.core.compile import program
+from jaxstab.contact.resolution import warn_if_coarse
+from jaxstab.core.checks import is_traced
+from jaxstab.core.compile import own_conventions, program
 from jaxstab.core.control_flow import by_entries
-from jaxstab.core.grid import resample
 from jaxstab.core.implicit import attach
 from jaxstab.core.loop import Iteration, solver_or_default
 from jaxstab.core.results import RESULTS
@@ -25,12 +22,13 @@ from jaxstab.equilibrium.equilibrium import (
     Equilibrium,
     State,
     equilibrium_at,
-    single_start,
 )
+from jaxstab.equilibrium.posing import Posed, finished, posed
 from jaxstab.equilibrium.solvers.base import EquilibriumSolver, Problem
 from jaxstab.equilibrium.solvers.base import State as SolverState
 from jaxstab.equilibrium.solvers.conjugate_gradients import PreconditionedConjugateGradient
-from jaxstab.equilibrium.window import padded_start, warn_at_edges
+from jaxstab.equilibrium.start import start_of
+from jaxstab.equilibrium.window import warn_at_edges
 from jaxstab.loads.held_gap import GapControl
 from jaxstab.loads.load import Control, Load, require_loads
 
@@ -80,82 +78,54 @@ def equilibrate(
     require_contact(contact)
     cure = "use jaxstab.sweep, or jax.vmap."
     require_loads(load, (), "equilibrate takes one load", cure)
+    load.warn_if_soft(contact.solid)
     solver = solver_or_default(solver, EquilibriumSolver, PreconditionedConjugateGradient)
-    padded, start = posed(contact, load, initial)
-    equilibrium = answer(
-        find,
-        padded,
-        load,
-        solver,
-        start,
-        differentiable=with_derivatives,
-        describe=partial(_describe, contact),
-        throw=throw,
-    )
+    warn_if_coarse(contact)
+    problem = posed(contact, load)
+    start = start_of(problem.contact, problem.state, initial)
+    return equilibrium_from(start, contact, load, problem, solver, throw)
+
+
+def equilibrium_from(
+    start: Field,
+    contact: Contact,
+    load: Load,
+    problem: Posed[Load],
+    solver: EquilibriumSolver,
+    throw: bool,
+) -> Equilibrium:
+    """Return the equilibrium of a contact under a load, given both as they are posed too."""
+    found = solved(problem, solver, start)
+    equilibrium = finished(found, problem, partial(_describe, contact), throw)
     # As it was given, without the rounding of conversions.
     equilibrium = replace(equilibrium, load=load)
     warn_at_edges(contact, equilibrium)
     return equilibrium
 
 
-def posed(
-    contact: Contact,
-    load: Load,
-    initial: ArrayLike | State | None,
-    needed: float = FOR_STATES,
-) -> tuple[Contact, Field | None]:
-    """Return a checked contact on the grid that it is solved on, and a gap there to start from."""
-    warn_if_coarse(contact, needed)
-    return padded_start(contact, load, initial_gap(contact, load, initial))
-
-
-def find_equilibrium(
-    contact: Contact, load: Load, solver: EquilibriumSolver, initial: Field | None
-) -> Equilibrium:
-    """Return the result of `equilibrate` on checked arguments, without derivatives."""
-    return _find_in_characteristic_units(contact, load, solver, initial, contact.known_core)
-
-
-@partial(program, static_argnames="has_core")
-def _find_in_characteristic_units(
-    contact: Contact,
-    load: Load,
-    solver: EquilibriumSolver,
-    initial: Field | None,
-    has_core: bool | None,
-) -> Equilibrium:
-    unit = contact.characteristic_pressure
-    own = contact.in_units_of(unit, has_core), load.in_units_of(unit)
-    return replace(find(*own, solver, initial).in_units_of(1 / unit), load=load)
+@own_conventions()
+def solved(problem: Posed[Load], solver: EquilibriumSolver, start: Field) -> Equilibrium:
+    """Return the equilibrium of a contact as it is posed, differentiable."""
+    constants = jax.lax.stop_gradient((problem.contact, problem.state, solver, start))
+    return with_derivatives(problem.contact, problem.state, find(*constants))
 
 
 def with_derivatives(contact: Contact, load: Load, found: Equilibrium) -> Equilibrium:
     """Return an equilibrium as a differentiable function of the contact and the load."""
-    if not is_traced((contact, load)):
+    inputs = contact, load
+    if not is_traced(inputs):
         return found
-    unit = contact.characteristic_pressure
-    inputs = (contact.in_units_of(unit), load.in_units_of(unit))
-    own = found.in_units_of(unit)
-    fields = {name: getattr(own, name) for name in DIFFERENTIABLE}
+    fields = {name: getattr(found, name) for name in DIFFERENTIABLE}
     fields = attach(changes_of_fields, fields, found.result == RESULTS.successful, inputs)
-    moved = replace(own, **fields).in_units_of(1 / unit)
-    return replace(moved, load=load, area=contact.area)
+    return replace(found, **fields, load=load, area=contact.area)
 
 
-def find(
-    contact: Contact, load: Load, solver: EquilibriumSolver, initial: Field | None
-) -> Equilibrium:
-    """Return the equilibrium that a solver finds from a gap, by default that of the solid at rest.
+def find(contact: Contact, load: Load, solver: EquilibriumSolver, start: Field) -> Equilibrium:
+    """Return the equilibrium that a solver finds from a gap, without derivatives.
 
     All in the characteristic pressure. Whatever seeks an equilibrium shares this program.
     """
-    start = _at_rest(contact, load) if initial is None else initial
     return _found(contact, load, solver.in_precision(contact.heights.dtype), start)
-
-
-@program
-def _at_rest(contact: Contact, load: Load) -> Field:
-    return contact.control(load).starting_gap(contact.heights)
 
 
 @program
@@ -225,46 +195,6 @@ def _lift_off_core(contact: Contact, control: Control, gap: Field) -> Field:
     is_better = jnp.any(energies_of(gap) <= energies_of(lifted))
     stays = (is_better & jnp.all(gap > 0)) | jnp.all(gap > deep)
     return jnp.where(stays, gap, lifted)
-
-
-def initial_gap(contact: Contact, load: Load, initial: ArrayLike | State | None) -> Field | None:
-    """Return `initial` as a gap on the contact's grid, checked.
-
-    Here each solver has contact and load together first: it warns of a load far too soft.
-    """
-    load.warn_if_soft(contact.solid)
-    if initial is None:
-        return None
-    shape = contact.grid.shape
-    if isinstance(initial, eqx.Module):
-        state = single_start(initial)
-        gap = state.gap
-        if isinstance(state, Equilibrium) and gap.ndim == len(shape) and gap.shape != shape:
-            gap = contact.gap(resample(state.displacement, shape))
-    else:
-        gap = numbers(initial, "The initial gap")
-    require_shape("The initial gap", gap.shape, shape, "give one on the contact's grid.")
-    gap = contact.grid.device_put(gap)
-    require_finite("The initial gap", gap)
-    if contact.control(load).fixes_mean:
-        largest = concrete(gap).max()
-        cure = "it must be positive somewhere, for a load that holds the mean gap."
-        require("The largest initial gap", largest, largest > 0, cure)
-    return gap
-
-
-def first_gap(contact: Contact, load: Load, initial: ArrayLike | State | None) -> Field | None:
-    """Return `initial_gap` at the start of a path: by default separated if a spring allows it."""
-    start = initial_gap(contact, load, initial)
-    control = contact.control(load)
-    if start is None and control.stiffness is not None:
-        return _separated(control, contact)
-    return start
-
-
-@program
-def _separated(control: Control, contact: Contact) -> Field:
-    return control.separated_gap(contact.heights, contact.profile)
 
 
 def _describe(contact: Contact, equilibrium: Equilibrium) -> str:

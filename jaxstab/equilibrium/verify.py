@@ -8,7 +8,7 @@ from jaxstab.core.compile import program
 from jaxstab.core.grid import total
 from jaxstab.core.results import RESULTS
 from jaxstab.equilibrium.equilibrium import Equilibrium
-from jaxstab.equilibrium.window import padded_state
+from jaxstab.equilibrium.posing import posed_state
 
 # Rounding may add this to a residual, and to a load that is met, in units of the precision.
 _ROUNDING = 1e3
@@ -17,13 +17,10 @@ _ROUNDING = 1e3
 @program
 def recognised(contact: Contact, equilibrium: Equilibrium) -> RESULTS:
     """Return whether a state is in equilibrium in this contact, under its load."""
-    contact, equilibrium = padded_state(contact, equilibrium)
-    unit = contact.characteristic_pressure
-    contact = contact.in_units_of(unit)
-    equilibrium = equilibrium.in_units_of(unit)
-    control = contact.control(equilibrium.load)
-    balance = contact.balance(control)(equilibrium.gap)
-    return recognised_by(balance, contact, equilibrium)
+    problem = posed_state(contact, equilibrium)
+    control = problem.contact.control(problem.state.load)
+    balance = problem.contact.balance(control)(problem.state.gap)
+    return recognised_by(balance, problem.contact, problem.state)
 
 
 def recognised_by(balance: Balance, contact: Contact, equilibrium: Equilibrium) -> RESULTS:

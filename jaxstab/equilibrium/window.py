@@ -4,7 +4,6 @@ On any other solid it is the identity.
 """
 
 from dataclasses import replace
-from typing import TypeVar
 
 import jax
 import jax.numpy as jnp
@@ -21,8 +20,6 @@ from jaxstab.core.types import Field
 from jaxstab.core.warn import warn
 from jaxstab.equilibrium.equilibrium import Equilibrium
 from jaxstab.loads.load import Load
-
-Start = TypeVar("Start", Field, Field | None)
 
 # The edges may carry this part of the largest pressure.
 _MOST_AT_EDGES = 1e-2
@@ -57,22 +54,6 @@ def padded_state(contact: Contact, equilibrium: Equilibrium) -> tuple[Contact, E
     )
 
 
-def padded_start(contact: Contact, load: Load, gap: Start) -> tuple[Contact, Start | Field]:
-    """Return a contact on the grid that it is solved on, and a gap there to start from.
-
-    Outside of the window its displacement leaves no pressure. Without a gap to start from it is the
-    gap of the undeformed solid on a window, and elsewhere None.
-    """
-    extended = contact.padded
-    if extended is contact:
-        return contact, gap
-    constant, window, load, gap = jax.lax.stop_gradient((extended, contact, load, gap))
-    if gap is None:
-        # A solid that is not deformed has no pressures anywhere.
-        return extended, _continued(constant, window.control(load).starting_gap(window.heights))
-    return extended, _relaxed_outside(constant, load, gap)
-
-
 def warn_at_edges(contact: Contact, equilibrium: Equilibrium) -> None:
     """Warn, where values are known, if a surface that ends acts on the solid at its edges."""
     is_found = equilibrium.result == RESULTS.successful
@@ -91,24 +72,33 @@ def warn_at_edges(contact: Contact, equilibrium: Equilibrium) -> None:
 
 
 @program
-def _continued(extended: Contact, gap: Field) -> Field:
-    """Return a gap of which the displacement goes on outside of the window by its mirror images."""
+def continued(contact: Contact, gap: Field) -> Field:
+    """Return a gap whose displacement goes on outside of the window by its mirror images."""
+    if not contact.solid.is_window:
+        return gap
     is_there = where_window(gap)
-    displacement = mirrored(gap + extended.solid.surface(extended.heights))
-    return jnp.where(is_there, padded(gap, 0), displacement - extended.heights)
+    displacement = mirrored(gap + contact.solid.surface(contact.heights))
+    return jnp.where(is_there, padded(gap, 0), displacement - contact.heights)
+
+
+def relaxed_outside(contact: Contact, load: Load, gap: Field) -> Field:
+    """Return a gap whose displacement leaves no pressure outside of the window."""
+    if not contact.solid.is_window:
+        return gap
+    return _relaxed_outside(*jax.lax.stop_gradient((contact, load, gap)))
 
 
 @program
-def _relaxed_outside(extended: Contact, load: Load, gap: Field) -> Field:
-    solid = extended.solid
-    control = extended.control(load)
+def _relaxed_outside(contact: Contact, load: Load, gap: Field) -> Field:
+    solid = contact.solid
+    control = contact.control(load)
     is_outside = ~where_window(gap)
-    start = _continued(extended, gap)
+    start = continued(contact, gap)
     hessian = Hessian(solid, jnp.zeros_like(start), control.stiffness, is_outside)
     system = LinearSystem(
         hessian,
         hessian.inverse(solid.min_stiffness),
         lambda field: jnp.where(is_outside, field, 0),
     )
-    move, _ = system.solution(-control.net_pressure(extended.gradient(start), start))
+    move, _ = system.solution(-control.net_pressure(contact.gradient(start), start))
     return jnp.maximum(start + jnp.where(is_outside, move, 0), 0)

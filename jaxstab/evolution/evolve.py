@@ -31,8 +31,7 @@ from jaxstab.core.stack import stacked
 from jaxstab.core.types import ArrayLike, Scalar
 from jaxstab.core.warn import warn
 from jaxstab.equilibrium import Equilibrium
-from jaxstab.equilibrium.equilibrate import initial_gap
-from jaxstab.equilibrium.window import padded_start
+from jaxstab.equilibrium.start import start_of
 from jaxstab.evolution.evolution import Evolution, Internal, relaxed_contact
 from jaxstab.evolution.legs import (
     RTOL,
@@ -178,9 +177,7 @@ def _start(contact: Any, relaxed: Contact, load: Load, initial: Any) -> StepReco
     else:
         held = getattr(initial, "load", load)
         solid = contact.solid
-        gap: Any = padded_start(relaxed, held, initial_gap(relaxed, held, initial))[1]
-        if gap is None:
-            gap = padded.control(held).starting_gap(padded.heights)
+        gap = start_of(relaxed.padded, held, initial)
         strains = jnp.zeros((1 + solid.times.size, *padded.grid.shape), dtype)
         # A step that takes for ever leaves the relaxed solid.
         long = solid.times[-1] / jnp.finfo(dtype).eps ** 2

@@ -14,6 +14,7 @@ from jaxstab.core.compile import own_conventions, program
 from jaxstab.core.grid import total
 from jaxstab.core.implicit import attach, finite, pushed, undefined
 from jaxstab.core.types import Field, Flag, Mask, Scalar
+from jaxstab.equilibrium.posing import posed_state
 from jaxstab.evolution.evolution import Evolution
 from jaxstab.loads import Load
 from jaxstab.stability.cones import Subspace
@@ -49,11 +50,10 @@ def growth_rate(evolution: Evolution) -> Scalar:
     require_kind(evolution, Evolution, "no evolution: give a state of a result of jaxstab.evolve.")
     contact, equilibrium = evolution.instant
     solid: Any = evolution.contact.solid
-    unit = contact.characteristic_pressure
-    contact = contact.in_units_of(unit)
-    equilibrium = equilibrium.in_units_of(unit)
+    problem = posed_state(contact, equilibrium)
+    equilibrium = problem.state
     glassy = solid.stiffening(0.0)
-    inputs = glassy, contact, equilibrium.load, equilibrium.gap
+    inputs = glassy, problem.contact, equilibrium.load, equilibrium.gap
     is_moving = ~(equilibrium.in_contact & (equilibrium.reaction > 0))
     stiffening, mode = _singular_stiffening(is_moving, *jax.lax.stop_gradient(inputs))
     stiffening = attach(_changes_of_stiffening, stiffening, mode, inputs)

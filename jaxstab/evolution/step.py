@@ -29,7 +29,8 @@ from jaxstab.core.grid import mean, total
 from jaxstab.core.results import RESULTS
 from jaxstab.core.types import Field, Flag, Scalar
 from jaxstab.equilibrium import PreconditionedConjugateGradient
-from jaxstab.equilibrium.equilibrate import find_equilibrium, with_derivatives
+from jaxstab.equilibrium.equilibrate import solved
+from jaxstab.equilibrium.posing import as_given, posed
 from jaxstab.evolution.evolution import Internal, Totals, moved_contact, on_gap, or_nan
 from jaxstab.loads import Load, Spring
 from jaxstab.potentials import energy_density
@@ -125,8 +126,8 @@ def take_step(
     if control.fixes_mean:
         # Full contact opens everywhere at once.
         start = jnp.where(jnp.max(start) > 0, start, 1)
-    given = jax.lax.stop_gradient((moved, load, PreconditionedConjugateGradient(), start))
-    found = with_derivatives(moved, load, find_equilibrium(*given))
+    problem = posed(moved, load)
+    found = as_given(solved(problem, PreconditionedConjugateGradient(), start), problem)
     gap = found.gap
     pressure = found.mean_pressure
 

@@ -10,7 +10,6 @@ from jaxtyping import Array
 from jaxstab.branches.differentiable_limit import differentiable_value
 from jaxstab.branches.states import PathInterrupted
 from jaxstab.contact import Contact, require_contact
-from jaxstab.contact.entry import answer
 from jaxstab.contact.resolution import FOR_JUMPS, warn_if_coarse
 from jaxstab.core.checks import (
     cast,
@@ -23,15 +22,17 @@ from jaxstab.core.checks import (
     require_positive,
     scalar_parameter,
 )
+from jaxstab.core.compile import own_conventions
 from jaxstab.core.display import several
 from jaxstab.core.implicit import attach, undefined
 from jaxstab.core.interrupts import early_ends, interrupts_held
+from jaxstab.core.progress import progress_bar
 from jaxstab.core.results import RESULTS
 from jaxstab.core.types import ArrayLike, Field, Scalar
 from jaxstab.core.warn import warn
-from jaxstab.equilibrium.equilibrate import first_gap
 from jaxstab.equilibrium.equilibrium import State
-from jaxstab.equilibrium.window import padded_start
+from jaxstab.equilibrium.posing import finished, posed
+from jaxstab.equilibrium.start import initial_of_path, start_of
 from jaxstab.loading.load_path import DISTURBANCE, LoadPath, load_path_of
 from jaxstab.loading.load_stepping import fraction_done, step_to_end
 from jaxstab.loading.path import Jump, Path
@@ -124,30 +125,26 @@ def follow(
     require("max_states", sizes[0], sizes[0] >= 2, "a path has two states at least.")
     require("max_jumps", sizes[1], sizes[1] >= 1, "leave room for one.")
     warn_if_coarse(contact, FOR_JUMPS)
-    padded, start = padded_start(contact, load[0], first_gap(contact, load[0], initial))
-    return answer(
-        partial(_search, fields, sizes),
-        padded,
-        load,
-        start,
-        least,
-        share,
-        noise,
-        bar=(100, "%", progress),
-        differentiable=partial(_with_derivatives, (start, least, noise)),
-        describe=partial(_describe, load),
-        throw=throw,
-    )
+    load.warn_if_soft(contact.solid)
+    problem = posed(contact, load)
+    initial = initial_of_path(contact, load[0], initial)
+    start = start_of(problem.contact, problem.state[0], initial)
+    inputs = problem.contact, problem.state, start, least, noise
+    constants = jax.lax.stop_gradient(inputs)
+    with own_conventions(), progress_bar(100, "%", shown=progress, inputs=constants):
+        path = _search(fields, sizes, share, *constants)
+        path = _with_derivatives(path, *inputs)
+    return finished(path, problem, partial(_describe, load), throw)
 
 
 def _search(
     fields: bool,
     sizes: tuple[int, int],
+    share: Scalar,
     contact: Contact,
     load: Load,
-    start: Field | None,
+    start: Field,
     least: Scalar,
-    share: Scalar,
     noise: Scalar,
 ) -> Path:
     load_path = load_path_of(contact, load, least, noise, share, finds_all=True)
@@ -156,9 +153,7 @@ def _search(
     return _known_path(fields, load_path, start)
 
 
-def _with_derivatives(
-    others: tuple[Array | None, ...], contact: Contact, load: Load, path: Path
-) -> Path:
+def _with_derivatives(path: Path, contact: Contact, load: Load, *others: Array) -> Path:
     """Return a path with derivatives of the loads of its jumps; all others are NaN."""
     if not is_traced((contact, load)):
         return path
@@ -174,7 +169,7 @@ def _with_derivatives(
     return replace(path, jumps=replace(path.jumps, load=path.jumps.load.at(values)))
 
 
-def _known_path(fields: bool, load_path: LoadPath, start: Field | None) -> Path:
+def _known_path(fields: bool, load_path: LoadPath, start: Field) -> Path:
     """Return the path to the end, or until interrupted."""
     load = load_path.load
     recording = Recording(load_path, fields)

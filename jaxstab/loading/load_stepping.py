@@ -37,7 +37,7 @@ Records = TypeVar("Records", bound=_Records)
 
 
 def step_to_end(
-    load_path: LoadPath, start: Field | None, empty: Callable[[Record], Records]
+    load_path: LoadPath, start: Field, empty: Callable[[Record], Records]
 ) -> tuple[Progress, Records]:
     """Return the progress at the end of a load path, or where the records are full, and these.
 
@@ -79,11 +79,8 @@ def _judged(
 
 
 @program
-def _first_start(load_path: LoadPath, start: Field | None) -> Start:
-    contact = load_path.contact
+def _first_start(load_path: LoadPath, start: Field) -> Start:
     value = load_path.load.value[0]
-    if start is None:
-        start = contact.control(load_path.load[0]).starting_gap(contact.heights)
     return load_path.start_at(value, start)
 
 

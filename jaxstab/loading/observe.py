@@ -23,7 +23,8 @@ from jaxstab.core.units import NUMBER, axes_of, dimensions
 from jaxstab.equilibrium import Equilibrium
 from jaxstab.equilibrium.equilibrium import state_at
 from jaxstab.equilibrium.observables.observable import Observable
-from jaxstab.equilibrium.window import padded_start
+from jaxstab.equilibrium.posing import as_given, posed
+from jaxstab.equilibrium.start import start_from
 from jaxstab.evolution.evolution import Evolution
 from jaxstab.loading.path import Path
 from jaxstab.loading.sweep import Sweep
@@ -151,11 +152,12 @@ def _gaps(contact: Contact, equilibrium: States | Equilibrium) -> np.ndarray:
 
 
 def _state(contact: Contact, load: Load, gap: np.ndarray) -> Equilibrium:
-    padded, start = padded_start(contact, load, jax.device_put(gap))
-    return _state_on(padded, load, start).on_surface(padded.solid)
+    problem = posed(contact, load)
+    start = start_from(problem.contact, problem.state, jax.device_put(gap))
+    return as_given(_state_at(problem.contact, problem.state, start), problem)
 
 
-_state_on = program(state_at)
+_state_at = program(state_at)
 
 
 def _row(observable: Callable[..., Any], contact: Contact, state: Equilibrium) -> Observable:

@@ -10,16 +10,17 @@ from jaxstab.branches.curve import HARDLY_ANY
 from jaxstab.branches.differentiable_limit import CriticalLoad, critical_load_at
 from jaxstab.branches.limit import Limit, limit_ahead
 from jaxstab.contact import Contact, require_contact
-from jaxstab.contact.entry import answer
 from jaxstab.contact.resolution import FOR_JUMPS, warned_once
 from jaxstab.core.checks import scalar_parameter
-from jaxstab.core.compile import in_pieces, program
+from jaxstab.core.compile import in_pieces, own_conventions, program
+from jaxstab.core.interrupts import interrupts_held
+from jaxstab.core.progress import progress_bar
 from jaxstab.core.results import RESULTS
 from jaxstab.core.types import ArrayLike, Field, Scalar
 from jaxstab.equilibrium import Equilibrium, equilibrate
-from jaxstab.equilibrium.equilibrate import initial_gap
-from jaxstab.equilibrium.equilibrium import State, single_start
-from jaxstab.equilibrium.window import padded_start
+from jaxstab.equilibrium.equilibrium import single_start
+from jaxstab.equilibrium.posing import finished, posed
+from jaxstab.equilibrium.start import Initial, given_gap, start_from
 from jaxstab.loading.load_path import DISTURBANCE, LoadPath, load_path_of
 from jaxstab.loading.load_stepping import step_to_end
 from jaxstab.loading.record import Event, Strongest, no_jump
@@ -35,7 +36,7 @@ _BEYOND = 1.01
 def pull_off(
     contact: Contact,
     *,
-    initial: ArrayLike | State | None = None,
+    initial: Initial = None,
     spring: ArrayLike | None = None,
     progress: bool | None = None,
     throw: bool = True,
@@ -73,24 +74,27 @@ def pull_off(
     if spring is not None:
         machine = Spring(0.0, scalar_parameter(spring, "The stiffness of the spring"))
     with warned_once(contact, FOR_JUMPS):
-        pressure, start = _start(jax.lax.stop_gradient(contact), initial)
-    padded, start = padded_start(contact, MeanPressure(pressure), start)
-    constant = jax.lax.stop_gradient(padded)
+        first, gap = _start(jax.lax.stop_gradient(contact), initial)
+    problem = posed(contact, first)
+    here, first = jax.lax.stop_gradient((problem.contact, problem.state))
+    start = start_from(here, first, gap)
     if machine is None:
-        load: Load = dead_load(constant, pressure)
+        load: Load = dead_load(here, first.value)
     else:
-        load = _retraction(constant, pressure, start, machine)
-        load.warn_if_soft(contact.solid)
-    return answer(
-        _search,
-        padded,
-        load,
-        start,
-        bar=(100, "%", progress),
-        differentiable=_pull_off,
-        describe=lambda _: _describe(load),
-        throw=throw,
-    )
+        machine.warn_if_soft(contact.solid)
+        load = _retraction(here, first.value, start, machine, problem.unit)
+    constants = jax.lax.stop_gradient((here, load, start))
+    with own_conventions():
+        with progress_bar(100, "%", shown=progress, inputs=constants):
+            limit, after = _search(*constants)
+        # An interrupt here would lose a long search.
+        with interrupts_held():
+            end = critical_load_at(problem.contact, load, limit)
+
+    def describe(_: CriticalLoad) -> str:
+        return _describe(load.in_units_of(1 / problem.unit))
+
+    return finished(replace(end, after=after), problem, describe, throw)
 
 
 @in_pieces
@@ -103,11 +107,6 @@ def _search(contact: Contact, load: Load, start: Field) -> tuple[Limit, Equilibr
     before, ahead = _before(load_path, jump)
     limit = limit_ahead(contact, before, jump.before.gap, ahead)
     return jax.block_until_ready(_concluded(contact, before, ended.result, strongest, limit))
-
-
-def _pull_off(contact: Contact, load: Load, end: tuple[Limit, Equilibrium]) -> CriticalLoad:
-    limit, after = end
-    return replace(critical_load_at(contact, load, limit), after=after)
 
 
 @program
@@ -127,15 +126,13 @@ def _concluded(
     return replace(limit, result=result), strongest.event.state_after(contact, load)
 
 
-def _start(contact: Contact, initial: ArrayLike | State | None) -> tuple[Scalar, Field]:
-    """Return the mean pressure to unload from, and the gap there."""
-    if not isinstance(initial, eqx.Module):
-        state = equilibrate(contact, MeanPressure(0.0), initial=initial, throw=False)
-        return jnp.zeros_like(state.mean_pressure), state.gap
-    pressure = single_start(initial).mean_pressure
-    gap = initial_gap(contact, MeanPressure(pressure), initial)
-    assert gap is not None
-    return pressure, gap
+def _start(contact: Contact, initial: Initial) -> tuple[MeanPressure, Field]:
+    """Return the mean pressure to unload from, and the gap of the surface there."""
+    if isinstance(initial, eqx.Module):
+        load = MeanPressure(single_start(initial).mean_pressure)
+        return load, given_gap(contact, load, initial)
+    state = equilibrate(contact, MeanPressure(0.0), initial=initial, throw=False)
+    return MeanPressure(jnp.zeros_like(state.mean_pressure)), state.gap
 
 
 @program
@@ -150,8 +147,14 @@ def dead_load(contact: Contact, pressure: Scalar) -> MeanPressure:
 
 
 @program
-def _retraction(contact: Contact, pressure: Scalar, gap: Field, machine: Spring) -> Spring:
-    """Return the positions of a spring from a state's to one that leaves nothing together."""
+def _retraction(
+    contact: Contact, pressure: Scalar, gap: Field, machine: Spring, unit: Scalar
+) -> Spring:
+    """Return the positions of a spring from a state's to one that leaves nothing together.
+
+    The stiffness of the machine is given in the unit of the user, all else in this unit.
+    """
+    machine = machine.in_units_of(unit)
     mean_displacement = jnp.mean(gap) + jnp.mean(contact.heights) + contact.datum
     deepest = _BEYOND * contact.profile.max_attraction
     reach = contact.profile.outermost_gap(HARDLY_ANY * deepest)

@@ -93,7 +93,7 @@ class Recording:
 
 @program
 @by_entries
-def path_with_room(room: Room, load_path: LoadPath, start: Field | None) -> Path:
+def path_with_room(room: Room, load_path: LoadPath, start: Field) -> Path:
     """Return the path of a contact along a load path, within a program.
 
     Only the first entries are of states, and of jumps, as many as it has recorded.

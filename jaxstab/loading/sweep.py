@@ -14,8 +14,9 @@ from jaxstab.branches.tables import load_column, measured_columns, state_columns
 from jaxstab.contact import Contact, require_contact
 from jaxstab.contact.resolution import FOR_STATES, warned_once
 from jaxstab.core import display
-from jaxstab.core.checks import is_transformed, require_key, require_one_of
+from jaxstab.core.checks import concrete, is_transformed, require_key, require_one_of
 from jaxstab.core.compile import program
+from jaxstab.core.control_flow import cond
 from jaxstab.core.display import column
 from jaxstab.core.equality import Comparable
 from jaxstab.core.interrupts import early_ends
@@ -23,21 +24,21 @@ from jaxstab.core.loop import solver_or_default
 from jaxstab.core.progress import progress_bar
 from jaxstab.core.results import RESULTS, throw_failure
 from jaxstab.core.stack import Stackable, first_entries, stacked
-from jaxstab.core.types import ArrayLike, Field, Flag
+from jaxstab.core.types import Field, Flag
 from jaxstab.core.units import STIFFNESS
 from jaxstab.core.warn import warn
 from jaxstab.equilibrium import (
     Equilibrium,
     EquilibriumSolver,
     PreconditionedConjugateGradient,
-    equilibrate,
 )
-from jaxstab.equilibrium.equilibrate import first_gap, initial_gap
+from jaxstab.equilibrium.equilibrate import equilibrium_from
+from jaxstab.equilibrium.posing import posed
+from jaxstab.equilibrium.start import Initial, given_gap, initial_of_path, start_from, start_of
 from jaxstab.loads import Load, require_load
 from jaxstab.stability import ConeSolver, ProjectedLOBPCG, Stability, assess_stability
 
 Order = Literal["independent", "continuation"]
-_Start = Field | None
 
 
 class SweepInterrupted(UserWarning):
@@ -72,7 +73,7 @@ def sweep(
     equilibrium_solver: EquilibriumSolver | None = None,
     stability: bool = True,
     stability_solver: ConeSolver | None = None,
-    initial: ArrayLike | Equilibrium | None = None,
+    initial: Initial = None,
     key: PRNGKeyArray | None = None,
     progress: bool | None = None,
     throw: bool = False,
@@ -123,18 +124,17 @@ def sweep(
         equilibrium_solver, EquilibriumSolver, PreconditionedConjugateGradient
     )
     stability_solver = solver_or_default(stability_solver, ConeSolver, ProjectedLOBPCG)
-    start = (
-        initial_gap(contact, load, initial)
-        if order == "independent"
-        else first_gap(contact, load[0], initial)
-    )
+    load.warn_if_soft(contact.solid)
+    if order == "continuation":
+        initial = initial_of_path(contact, load[0], initial)
+    begin = _Last.of(contact, load, initial)
     if key is not None:
         require_key(key)
-    problem = _Problem(contact, equilibrium_solver, stability_solver, key, stability)
-    if is_transformed((problem, load, start)):
+    problem = _Problem(contact, equilibrium_solver, stability_solver, key, order, stability)
+    if is_transformed((problem, load, begin)):
         solve = _solve_together if order == "independent" else _solve_in_turn
         with warned_once(contact, FOR_STATES):
-            return solve(problem, load, start, throw)
+            return solve(problem, load, begin, throw)
     # A result that was not found is NaN. Other settings of JAX would compile programs anew.
     with (
         jax.debug_nans(False),
@@ -143,11 +143,28 @@ def sweep(
         progress_bar(load.value.size, "load", shown=progress) as bar,
     ):
         if order == "independent" and jax.default_backend() != "cpu":
-            found = _solve_padded(problem, load, start)
+            found = _solve_in_batch(problem, load, begin)
             bar.update(len(found))
         else:
-            found = _solve_one_by_one(problem, load, start, order, bar.update)
+            found = _solve_one_by_one(problem, load, begin, bar.update)
         return _without_failures(found) if throw else found
+
+
+class _Last(eqx.Module):
+    """Where the next load starts: from a gap if one is known, or with the surfaces apart."""
+
+    gap: Field
+    is_known: Flag
+    is_apart: Flag
+
+    @classmethod
+    def of(cls, contact: Contact, load: Load, initial: Initial) -> "_Last":
+        """Return where the first load starts."""
+        no, yes = jax.device_put((False, True))
+        if initial is None:
+            return cls(contact.heights, no, no)
+        gap = given_gap(contact, load, initial)
+        return cls(gap.astype(contact.heights.dtype), yes, no)
 
 
 class _Problem(eqx.Module):
@@ -157,37 +174,56 @@ class _Problem(eqx.Module):
     equilibrium_solver: EquilibriumSolver
     stability_solver: ConeSolver
     key: PRNGKeyArray | None
+    order: Order = eqx.field(static=True)
     assesses: bool = eqx.field(static=True)
 
-    def solve(self, load: Load, start: _Start, throw: bool = False) -> Sweep:
-        """Return the equilibrium and the stability at one load."""
-        equilibrium = equilibrate(
-            self.contact, load, self.equilibrium_solver, initial=start, throw=throw
+    def solve(self, last: _Last, load: Load, throw: bool = False) -> tuple[_Last, Sweep]:
+        """Return the state at one load, and where the next load starts."""
+        contact = self.contact
+        problem = posed(contact, load)
+        inputs = problem.contact, problem.state
+
+        def start_together() -> Field:
+            return cond(
+                concrete(last.is_known),
+                lambda: start_from(*inputs, last.gap),
+                lambda: start_of(*inputs, None),
+            )
+
+        start = cond(concrete(last.is_apart), lambda: _apart(*inputs), start_together)
+        equilibrium = equilibrium_from(
+            start, contact, load, problem, self.equilibrium_solver, throw
         )
-        if not self.assesses:
-            return Sweep(load, equilibrium, None)
-        stability = assess_stability(
-            self.contact, equilibrium, self.stability_solver, key=self.key, throw=throw
+        stability = None
+        if self.assesses:
+            stability = assess_stability(
+                contact, equilibrium, self.stability_solver, key=self.key, throw=throw
+            )
+        state = Sweep(load, equilibrium, stability)
+        if self.order == "independent":
+            return last, state
+        return self._after(last, equilibrium), state
+
+    def _after(self, last: _Last, found: Equilibrium) -> _Last:
+        """Return where the next load starts: from the last state that was found, or apart."""
+        is_found = found.result == RESULTS.successful
+        return _Last(
+            gap=cond(concrete(is_found), lambda: found.gap, lambda: last.gap),
+            is_known=cond(concrete(is_found), lambda: is_found, lambda: last.is_known),
+            is_apart=found.result == RESULTS.pulled_off,
         )
-        return Sweep(load, equilibrium, stability)
 
 
 def _solve_one_by_one(
-    problem: _Problem, load: Load, start: _Start, order: Order, report: Callable[[], object]
+    problem: _Problem, load: Load, begin: _Last, report: Callable[[], object]
 ) -> Sweep:
     states = []
-    is_apart = False
+    last = begin
     try:
-        for i in range(load.value.size):
-            apart = _apart(problem.contact, load[i]) if is_apart else start
-            state = problem.solve(load[i], apart)
-            states.append(state)
+        for one in load:
             # While it waits, an interrupt stays pending.
-            jax.block_until_ready(state)
-            found = state.equilibrium
-            if order == "continuation":
-                is_apart = bool(found.result == RESULTS.pulled_off)
-                start = found.gap if found.result == RESULTS.successful else start
+            last, state = jax.block_until_ready(problem.solve(last, one))
+            states.append(state)
             report()
     except early_ends():
         if not states:
@@ -197,45 +233,29 @@ def _solve_one_by_one(
     return stacked(states, states[0])
 
 
-def _solve_padded(problem: _Problem, load: Load, start: _Start) -> Sweep:
+@partial(program, static_argnames="throw")
+def _solve_in_turn(problem: _Problem, load: Load, begin: _Last, throw: bool) -> Sweep:
+    return jax.lax.scan(partial(problem.solve, throw=throw), begin, load)[1]
+
+
+@partial(program, static_argnames="throw")
+def _solve_together(problem: _Problem, load: Load, begin: _Last, throw: bool = False) -> Sweep:
+    return jax.vmap(lambda load: problem.solve(begin, load, throw)[1])(load)
+
+
+def _solve_in_batch(problem: _Problem, load: Load, begin: _Last) -> Sweep:
     """Solve all loads together, and copies of the last up to a number that has a program."""
     number = load.value.size
     # NumPy compiles nothing.
-    copies = np.minimum(np.arange(_padded(number)), number - 1)
-    padded = jax.tree.map(lambda leaf: np.asarray(leaf)[copies], load)
-    return first_entries(_solve_together(problem, padded, start), number)
+    copies = np.minimum(np.arange(_size_of_batch(number)), number - 1)
+    more = jax.tree.map(lambda leaf: np.asarray(leaf)[copies], load)
+    return first_entries(_solve_together(problem, more, begin), number)
 
 
-def _padded(number: int) -> int:
+def _size_of_batch(number: int) -> int:
     """Return the least of 1, 2, 3, 4, 6, 8, 12, 16, 24, ... that holds `number`."""
     power = 1 << (number - 1).bit_length()
     return 3 * power // 4 if number <= 3 * power // 4 else power
-
-
-@partial(program, static_argnames="throw")
-def _solve_together(problem: _Problem, load: Load, start: _Start, throw: bool = False) -> Sweep:
-    return jax.vmap(lambda load: problem.solve(load, start, throw))(load)
-
-
-@partial(program, static_argnames="throw")
-def _solve_in_turn(problem: _Problem, load: Load, start: _Start, throw: bool) -> Sweep:
-    Carry = tuple[Field, Flag, Flag]
-    contact = problem.contact
-    no = jnp.array(False)
-
-    def solve(carry: Carry, load: Load) -> tuple[Carry, Sweep]:
-        last, has_last, is_apart = carry
-        start = jnp.where(has_last, last, contact.control(load).starting_gap(contact.heights))
-        start = jnp.where(is_apart, _apart(contact, load), start)
-        state = problem.solve(load, start, throw)
-        result = state.equilibrium.result
-        gap = state.equilibrium.gap
-        is_found = result == RESULTS.successful
-        last = jnp.where(is_found, gap, last)
-        return (last, has_last | is_found, result == RESULTS.pulled_off), state
-
-    last = jnp.zeros_like(contact.heights) if start is None else start.astype(contact.heights.dtype)
-    return jax.lax.scan(solve, (last, jnp.array(start is not None), no), load)[1]
 
 
 @program

@@ -1,7 +1,6 @@
 """The stability of an equilibrium, from the smallest eigenvalues of its energy's Hessian."""
 
 from dataclasses import replace
-from functools import partial
 from typing import Protocol, runtime_checkable
 
 import jax
@@ -9,17 +8,15 @@ import jax.numpy as jnp
 from jaxtyping import PRNGKeyArray
 
 from jaxstab.contact.contact import Contact
-from jaxstab.contact.entry import answer
 from jaxstab.contact.resolution import warn_if_coarse
 from jaxstab.core.checks import is_traced, require_key
-from jaxstab.core.compile import program
-from jaxstab.core.control_flow import by_entries
+from jaxstab.core.compile import in_pieces, own_conventions, program
 from jaxstab.core.loop import solver_or_default
-from jaxstab.core.progress import advance_to
+from jaxstab.core.progress import advance_to, progress_bar
 from jaxstab.core.results import RESULTS
-from jaxstab.core.types import Mask
+from jaxstab.core.types import Flag, Mask
 from jaxstab.equilibrium.equilibrium import Equilibrium, State, equilibrium_of
-from jaxstab.equilibrium.window import padded_state
+from jaxstab.equilibrium.posing import finished, posed_state
 from jaxstab.stability.barrier import differentiable as differentiable_margins
 from jaxstab.stability.barrier import margins_of
 from jaxstab.stability.cones import Subspace
@@ -39,7 +36,6 @@ from jaxstab.stability.verdict import (
     verdict_on,
 )
 
-_Inputs = tuple[Contact, Equilibrium, ConeSolver, PRNGKeyArray]
 # The lower bound, the critical cone and the cone take one search each.
 _NUM_SEARCHES = 3
 
@@ -112,82 +108,35 @@ def assess_stability(
     solver = solver_or_default(solver, ConeSolver, ProjectedLOBPCG)
     key = jax.random.key(0) if key is None else key
     require_key(key)
-    contact, equilibrium = padded_state(contact, equilibrium)
-    return answer(
-        partial(_assess, verdict_only),
-        contact,
-        equilibrium,
-        solver,
-        key,
-        bar=(_NUM_SEARCHES, "search", progress),
-        differentiable=with_derivatives,
-        describe=describe,
-        throw=throw,
-        has_units=True,
-    )
+    problem = posed_state(contact, equilibrium)
+    inputs = problem.contact, problem.state
+    constants = jax.lax.stop_gradient((*inputs, solver, key, jax.device_put(verdict_only)))
+    watch = progress_bar(_NUM_SEARCHES, "search", shown=progress, inputs=constants)
+    with own_conventions(), watch:
+        stability = _assessed(*constants)
+        # Not all searches are needed.
+        advance_to(lambda: _NUM_SEARCHES)
+        stability = with_derivatives(*inputs, stability)
+    return finished(stability, problem, describe, throw)
 
 
-def _assess(verdict_only: bool, *inputs: *_Inputs) -> Stability:
-    stability = (_assess_batch if is_traced(inputs) else _assess_one)(verdict_only, *inputs)
-    # Not all searches are needed.
-    advance_to(lambda: _NUM_SEARCHES)
-    return stability
-
-
-# A program, or `jax.vmap` outside of `jax.jit` would compile it anew with each call.
-@partial(program, static_argnums=0)
-def _assess_batch(verdict_only: bool, *inputs: *_Inputs) -> Stability:
-    return by_entries(partial(_assess_one, verdict_only))(*inputs)
-
-
-def with_derivatives(contact: Contact, equilibrium: Equilibrium, stability: Stability) -> Stability:
-    """Return a stability as a differentiable function of the contact and the equilibrium."""
-    if not is_traced((contact, equilibrium)):
-        return stability
-    # Squares of pressures over lengths stay in range in this unit.
-    unit = contact.characteristic_pressure
-    contact = contact.in_units_of(unit)
-    equilibrium = equilibrium.in_units_of(unit)
-    stability = stability.in_units_of(unit)
-    fixes_mean = contact.control(equilibrium.load).fixes_mean
-
-    def attach(pair: Eigenpair, is_moving: Mask) -> Eigenpair:
-        face = Subspace(is_moving, fixes_mean)
-        return differentiable(pair, face, contact, equilibrium.load, equilibrium.gap)
-
-    free = ~equilibrium.in_contact
-    cone = attach(stability.cone, free | (stability.cone.mode > 0))
-    margins = stability.complementarity, stability.barrier
-    is_held = stability.verdict == VERDICTS.held_by_contact
-    complementarity, barrier = differentiable_margins(margins, contact, equilibrium, cone, is_held)
-    found = replace(
-        stability,
-        lower_bound=attach(stability.lower_bound, jnp.ones_like(free)),
-        cone=cone,
-        critical=attach(stability.critical, free | (stability.critical.mode > 0)),
-        complementarity=complementarity,
-        barrier=barrier,
-    )
-    return found.in_units_of(1 / unit)
-
-
-def _assess_one(
-    verdict_only: bool,
+@in_pieces
+def _assessed(
     contact: Contact,
     equilibrium: Equilibrium,
     solver: ConeSolver,
     key: PRNGKeyArray,
+    verdict_only: Flag,
 ) -> Stability:
     problems, state = problems_of(contact, equilibrium)
     spaces = Davidson(solver.tolerance_in(equilibrium.gap.dtype))
-    found = smallest_eigenpairs(problems, solver, spaces, key, verdict_only=verdict_only)
+    found = smallest_eigenpairs(problems, solver, spaces, key, verdict_only)
     return _stability(equilibrium, state, found)
 
 
 @program
 def _stability(equilibrium: Equilibrium, state: AssessedState, found: Found) -> Stability:
     """Return the verdict on the eigenpairs of a search."""
-    equilibrium = equilibrium.in_units_of(state.unit)
     found = found.ordered()
     softest = jnp.abs(found.hull.eigenvalue)
     lower_bound, cone, critical, hull = (
@@ -207,7 +156,7 @@ def _stability(equilibrium: Equilibrium, state: AssessedState, found: Found) -> 
     )
     is_held = verdict == VERDICTS.held_by_contact
     complementarity, barrier = margins_of(state.scale, state.area, equilibrium, cone, is_held)
-    stability = Stability(
+    return Stability(
         lower_bound=lower_bound,
         cone=cone,
         critical=critical,
@@ -218,4 +167,28 @@ def _stability(equilibrium: Equilibrium, state: AssessedState, found: Found) -> 
         result=result,
         units=equilibrium.units,
     )
-    return stability.in_units_of(1 / state.unit)
+
+
+def with_derivatives(contact: Contact, equilibrium: Equilibrium, stability: Stability) -> Stability:
+    """Return a stability as a differentiable function of the contact and the equilibrium."""
+    if not is_traced((contact, equilibrium)):
+        return stability
+    fixes_mean = contact.control(equilibrium.load).fixes_mean
+
+    def attach(pair: Eigenpair, is_moving: Mask) -> Eigenpair:
+        face = Subspace(is_moving, fixes_mean)
+        return differentiable(pair, face, contact, equilibrium.load, equilibrium.gap)
+
+    free = ~equilibrium.in_contact
+    cone = attach(stability.cone, free | (stability.cone.mode > 0))
+    margins = stability.complementarity, stability.barrier
+    is_held = stability.verdict == VERDICTS.held_by_contact
+    complementarity, barrier = differentiable_margins(margins, contact, equilibrium, cone, is_held)
+    return replace(
+        stability,
+        lower_bound=attach(stability.lower_bound, jnp.ones_like(free)),
+        cone=cone,
+        critical=attach(stability.critical, free | (stability.critical.mode > 0)),
+        complementarity=complementarity,
+        barrier=barrier,
+    )

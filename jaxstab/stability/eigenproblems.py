@@ -55,7 +55,6 @@ class AssessedState(eqx.Module):
 
     Attributes:
         result: whether it is an equilibrium of this contact.
-        unit: the contact's characteristic pressure, the unit of all that is computed.
         area: the area of a point [length^2].
         scale: the rms of elastic pressure and attraction [pressure].
         imbalance: the norm of the pressures that are out of balance [pressure].
@@ -63,7 +62,6 @@ class AssessedState(eqx.Module):
     """
 
     result: RESULTS
-    unit: Scalar
     area: Scalar
     scale: Scalar
     imbalance: Scalar
@@ -126,9 +124,6 @@ def _unless(is_left_out: Bool[Array | np.ndarray, ""], pair: Eigenpair) -> Eigen
 @program
 def problems_of(contact: Contact, equilibrium: Equilibrium) -> tuple[Eigenproblems, AssessedState]:
     """Return the eigenproblems of an equilibrium, and the data of that state."""
-    unit = contact.characteristic_pressure
-    contact = contact.in_units_of(unit)
-    equilibrium = equilibrium.in_units_of(unit)
     gap = equilibrium.gap
     in_contact = equilibrium.in_contact
     control = contact.control(equilibrium.load)
@@ -156,7 +151,7 @@ def problems_of(contact: Contact, equilibrium: Equilibrium) -> tuple[Eigenproble
         is_doubtful=jnp.any(weak | nearly_touching),
     )
     sharpness = jnp.where(in_contact, 0, third_derivative(contact, gap))
-    state = AssessedState(result, unit, contact.grid.cell_area, scale, imbalance, sharpness)
+    state = AssessedState(result, contact.grid.cell_area, scale, imbalance, sharpness)
     return problems, state
 
 

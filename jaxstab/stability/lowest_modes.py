@@ -9,15 +9,15 @@ import jax.numpy as jnp
 from jaxtyping import Array, Int, PRNGKeyArray
 
 from jaxstab.contact.contact import Contact
-from jaxstab.contact.entry import answer
 from jaxstab.contact.resolution import warn_if_coarse
 from jaxstab.core.checks import integer, require, require_key, require_one_of
 from jaxstab.core.compile import program
+from jaxstab.core.implicit import refuse_derivatives
 from jaxstab.core.loop import solver_or_default
 from jaxstab.core.results import RESULTS
 from jaxstab.equilibrium.equilibrium import Equilibrium, State, equilibrium_of
-from jaxstab.equilibrium.verify import recognised
-from jaxstab.equilibrium.window import padded_state
+from jaxstab.equilibrium.posing import finished, posed_state
+from jaxstab.equilibrium.verify import recognised_by
 from jaxstab.stability.cones import Subspace
 from jaxstab.stability.eigenpair import Eigenpair, measured
 from jaxstab.stability.solvers.base import BLOCK_SIZE, SpaceSolver, noise
@@ -70,18 +70,12 @@ def lowest_modes(
     solver = solver_or_default(solver, SpaceSolver, Davidson)
     key = jax.random.key(0) if key is None else key
     require_key(key)
-    contact, equilibrium = padded_state(contact, equilibrium)
-    most = contact.grid.size - contact.control(equilibrium.load).fixes_mean
+    problem = posed_state(contact, equilibrium)
+    most = problem.contact.grid.size - contact.control(equilibrium.load).fixes_mean
     require("count", count, count <= most, f"{most} directions are admissible: ask for fewer.")
-    return answer(
-        partial(_search, count, space == "critical"),
-        contact,
-        equilibrium,
-        solver,
-        key,
-        describe=_describe,
-        throw=throw,
-    )
+    problem = refuse_derivatives(problem)
+    pairs = _search(count, space == "critical", problem.contact, problem.state, solver, key)
+    return finished(pairs, problem, _describe, throw)
 
 
 @partial(program, static_argnums=(0, 1))
@@ -93,8 +87,8 @@ def _search(
     solver: SpaceSolver,
     key: PRNGKeyArray,
 ) -> Eigenpair:
-    state = recognised(contact, equilibrium)
     control = contact.control(equilibrium.load)
+    state = recognised_by(contact.balance(control)(equilibrium.gap), contact, equilibrium)
     is_equilibrium = state == RESULTS.successful
     # Where there is nothing to assess, nothing moves.
     is_moving = is_equilibrium & ~(equilibrium.in_contact & stays_in_contact)

@@ -15,7 +15,7 @@ from jaxstab.core.checks import concrete
 from jaxstab.core.compile import program
 from jaxstab.core.control_flow import cond
 from jaxstab.core.progress import advance_if_known
-from jaxstab.core.types import ArrayLike
+from jaxstab.core.types import ArrayLike, Flag
 from jaxstab.stability.certificate import certified
 from jaxstab.stability.coarse_start import (
     coarser,
@@ -38,8 +38,7 @@ def smallest_eigenpairs(
     solver: ConeSolver,
     spaces: SpaceSolver,
     key: PRNGKeyArray,
-    *,
-    verdict_only: bool,
+    verdict_only: Flag,
 ) -> Found:
     """Return the smallest eigenpairs, of V0+ by one solver and of linear spaces by another.
 
@@ -49,13 +48,14 @@ def smallest_eigenpairs(
     hessian = problems.hessian
     touches = concrete(problems.touches)
     is_doubtful = concrete(problems.is_doubtful)
+    stops_early = concrete(verdict_only)
     is_default = isinstance(solver, ProjectedLOBPCG)
     fast = solver if is_default else ProjectedLOBPCG(solver.tolerance_in(hessian.curvature.dtype))
 
     # All perturbations that the load allows: the linear space around the cone.
     around = _lowest_on_hull(spaces, hessian, problems.cone, key)
     advance_if_known(around)
-    is_proved = verdict_only & (concrete(around.sign) > 0)
+    is_proved = stops_early & (concrete(around.sign) > 0)
 
     # The critical cone: a linear space, unless some point touches without pressing.
     is_open = touches & ~is_proved
@@ -66,7 +66,7 @@ def smallest_eigenpairs(
     is_weak = is_open & concrete(problems.is_weak)
     critical = _lowest_on_cone(fast, spaces, hessian, cone, hull, key, is_weak)
     advance_if_known(critical)
-    is_decided = is_proved | (verdict_only & (concrete(critical.sign) < 0))
+    is_decided = is_proved | (stops_early & (concrete(critical.sign) < 0))
 
     # The cone V0+; a solver that the caller has chosen always runs.
     is_open = touches & ~is_decided

@@ -11,8 +11,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from jaxstab.contact import Contact, require_contact
-from jaxstab.contact.entry import answer
-from jaxstab.contact.resolution import FOR_JUMPS
+from jaxstab.contact.resolution import FOR_JUMPS, warn_if_coarse
 from jaxstab.core.checks import (
     concrete,
     integer,
@@ -22,24 +21,26 @@ from jaxstab.core.checks import (
     require_known,
     require_positive,
 )
-from jaxstab.core.compile import program
+from jaxstab.core.compile import own_conventions, program
 from jaxstab.core.control_flow import by_entries
 from jaxstab.core.display import Outcome
 from jaxstab.core.grid import total
 from jaxstab.core.implicit import attach, finite, pushed, undefined
+from jaxstab.core.progress import progress_bar
 from jaxstab.core.results import RESULTS
 from jaxstab.core.stack import stacked
 from jaxstab.core.types import ArrayLike, Field, Flag, Scalar
 from jaxstab.core.units import ENERGY, LENGTH, NUMBER
 from jaxstab.equilibrium import Equilibrium, PreconditionedConjugateGradient
-from jaxstab.equilibrium.equilibrate import find, posed
+from jaxstab.equilibrium.equilibrate import find
 from jaxstab.equilibrium.equilibrium import State, detached_where, state_at
+from jaxstab.equilibrium.posing import finished, posed
+from jaxstab.equilibrium.start import start_of
 from jaxstab.loads import Load, MeanPressure, require_loads
 from jaxstab.transitions.branch_pass import MAX_STEPS, Image, pass_on_branch
 from jaxstab.transitions.saddle import Saddle, minima_beside, no_saddle, saddle_near
 from jaxstab.transitions.string import Landscape, String, StringMethod
 
-Start = Field | None
 # The string is drawn anew around its highest image so often at most.
 _MAX_ZOOMS = 5
 # A string that is drawn anew takes so few steps: with more its images slide down its sides.
@@ -162,30 +163,25 @@ def transition(
     require_loads(load, (), "transition takes one load", "use jax.vmap.")
     number = integer("num_images", num_images)
     require("num_images", number, number >= 3, "a string has a state between its ends.")
-    padded, first = posed(contact, load, start, FOR_JUMPS)
+    load.warn_if_soft(contact.solid)
+    warn_if_coarse(contact, FOR_JUMPS)
+    problem = posed(contact, load)
+    inputs = problem.contact, problem.state
+    first = start_of(*inputs, start)
     if end is None:
         _require_pull(load)
-        return answer(
-            partial(_search_detached, number),
-            padded,
-            load,
-            first,
-            bar=(MAX_STEPS, "states", None),
-            differentiable=partial(_with_barriers, ("there",)),
-            describe=lambda _: f"No pass to detached surfaces was found at {load!r}",
-            throw=throw,
-        )
-    _, last = posed(contact, load, end, FOR_JUMPS)
-    return answer(
-        partial(_search, number),
-        padded,
-        load,
-        first,
-        last,
-        differentiable=partial(_with_barriers, ("there", "back")),
-        describe=lambda _: f"No pass was found between the two states at {load!r}",
-        throw=throw,
-    )
+        constants = jax.lax.stop_gradient((*inputs, first))
+        with own_conventions(), progress_bar(MAX_STEPS, "states", shown=None, inputs=constants):
+            found = _search_detached(number, *constants)
+            found = _with_barriers(("there",), *inputs, found)
+        message = f"No pass to detached surfaces was found at {load!r}"
+    else:
+        constants = jax.lax.stop_gradient((*inputs, first, start_of(*inputs, end)))
+        with own_conventions():
+            found = _search(number, *constants)
+            found = _with_barriers(("there", "back"), *inputs, found)
+        message = f"No pass was found between the two states at {load!r}"
+    return finished(found, problem, lambda _: message, throw)
 
 
 def pulls(load: Load) -> bool:
@@ -245,11 +241,11 @@ class _Climb(eqx.Module):
 
 
 @partial(program, static_argnums=0)
-def _search(number: int, contact: Contact, load: Load, first: Start, last: Start) -> Transition:
+def _search(number: int, contact: Contact, load: Load, first: Field, last: Field) -> Transition:
     return by_entries(partial(_find, number))(contact, load, first, last)
 
 
-def _find(number: int, contact: Contact, load: Load, first: Start, last: Start) -> Transition:
+def _find(number: int, contact: Contact, load: Load, first: Field, last: Field) -> Transition:
     """Return the transition between the minima near two gaps."""
     solver = PreconditionedConjugateGradient()
     start, end = (find(contact, load, solver, gap) for gap in (first, last))
@@ -304,7 +300,7 @@ def _zoomed(landscape: Landscape, string: String) -> String:
     return StringMethod(max_steps=_FEW_STEPS).run(landscape, start).state
 
 
-def _search_detached(number: int, contact: Contact, load: Load, first: Start) -> Transition:
+def _search_detached(number: int, contact: Contact, load: Load, first: Field) -> Transition:
     """Return the transition to detached surfaces from the minimum near a gap."""
     require_known((contact, load, first), "A transition to detached surfaces")
     start = find(contact, load, PreconditionedConjugateGradient(), first)

@@ -9,6 +9,7 @@ from programs import compilations, on_the_cpu
 from saved import assert_same_bits
 
 import jaxstab as js
+from jaxstab.equilibrium.equilibrate import equilibrium_from
 
 LOADS = jnp.linspace(1e-5, 2.0, 32)
 
@@ -88,9 +89,9 @@ def interrupt_at(number, monkeypatch):
         calls.append(None)
         if len(calls) == number:
             signal.raise_signal(signal.SIGINT)
-        return js.equilibrate(*arguments, **options)
+        return equilibrium_from(*arguments, **options)
 
-    monkeypatch.setattr("jaxstab.loading.sweep.equilibrate", solve)
+    monkeypatch.setattr("jaxstab.loading.sweep.equilibrium_from", solve)
 
 
 @on_the_cpu
