@@ -13,6 +13,7 @@ import jax
 import jaxstab as js
 from jaxstab.core import control_flow
 from jaxstab.equilibrium.equilibrate import find
+from jaxstab.equilibrium.start import start_of
 from jaxstab.stability.cones import AdmissibleCone
 from jaxstab.stability.solvers.davidson import Davidson
 
@@ -41,13 +42,14 @@ def solver_runs(n):
     law = js.potentials.Exponential(2e-3, 0.05)
     contact, _ = js.Contact(js.HalfSpace(grid, 1.0), heights, law).in_characteristic_units()
     load = js.MeanGap(0.05)
+    start = start_of(contact, load, None)
     state = js.equilibrate(contact, load)
     hessian = contact.hessian(state.gap, contact.control(load))
     cone = AdmissibleCone(state.in_contact)
     starts = jax.random.uniform(jax.random.key(0), (12, n, n), minval=-1)
     of_states = js.PreconditionedConjugateGradient(), js.PolonskyKeerRey(), js.SaddleNewton()
     runs = {
-        type(solver).__name__: (lambda solver=solver: find(contact, load, solver, None), 0)
+        type(solver).__name__: (lambda solver=solver: find(contact, load, solver, start), 0)
         for solver in of_states
     }
     runs["Davidson"] = lambda: Davidson().solve(hessian, cone.hull, starts[:4]), 0
