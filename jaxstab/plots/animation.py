@@ -78,7 +78,10 @@ def animation(
     figure.draw_without_rendering()
     figure.set_layout_engine("none")
     ending = target.suffix[1:].lower()
-    with plt.rc_context(_with_ffmpeg() if ending == "mp4" else {}), TemporaryDirectory() as folder:
+    settings = {}
+    if ending == "mp4":
+        settings = _with_ffmpeg()
+    with plt.rc_context(settings), TemporaryDirectory() as folder:
         film = Path(folder) / f"film.{ending}"
         writer = _WRITERS[ending](fps=len(frames) / seconds)
         with writer.saving(figure, str(film), _DPI):

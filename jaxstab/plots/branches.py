@@ -76,9 +76,10 @@ def branch(
     drawn = set()
     for piece in np.split(np.arange(is_unstable.size), ends):
         style = _UNSTABLE if is_unstable[piece[0]] else _STABLE
-        label = {"label": None} if style["label"] in drawn else {}
+        if style["label"] in drawn:
+            style = {**style, "label": None}
         places = [*piece, piece[-1] + 1]
-        axes.plot(there[places], across[places], **{**style, **label})
+        axes.plot(there[places], across[places], **style)
         drawn.add(style["label"])
     kinds = np.asarray(branch.turns.kind.name)
     for kind, marker in _TURNS.items():
@@ -131,22 +132,25 @@ def _draw_string(transition: Transition, axes: Axes) -> None:
     places = np.linspace(0, 1, energies.size)
     there, back = (float(energy) for energy in transition.barrier)
     units = transition.saddle.units
-    # From detached surfaces there is no way back, and the branch ends at the saddle.
-    is_detached = back == np.inf
-    line = "branch" if is_detached else "string"
-    summit = energies.size - 1 if is_detached else np.argmax(energies)
-    ends = ([0], [0]) if is_detached else ([0, 1], [0, there - back])
+    if back == np.inf:
+        # From detached surfaces there is no way back, and the branch ends at the saddle.
+        line = "branch"
+        summit = places.size - 1
+        ends = {"start": (0, 0)}
+        divisor, unit = readable_unit(units, "energy", there)
+        title = f"barrier {there / divisor:.3g} {in_brackets(unit)}, no way back"
+    else:
+        line = "string"
+        summit = np.argmax(energies)
+        ends = {"start, end": ([0, 1], [0, there - back])}
+        divisor, unit = readable_unit(units, "energy", max(there, back))
+        heights = f"barrier {there / divisor:.3g}, back {back / divisor:.3g}"
+        title = f"{heights} {in_brackets(unit)}"
     axes.plot(places, energies, ".-", color=BLUE, label=line)
-    label = "start" if is_detached else "start, end"
-    axes.scatter(*ends, color=grey(axes, 1), zorder=3, label=label)
+    for label, points in ends.items():
+        axes.scatter(*points, color=grey(axes, 1), zorder=3, label=label)
     style = {"marker": "*", "s": 90, "color": VERMILION, "edgecolors": grey(axes, 1), "zorder": 4}
     axes.scatter([places[summit]], [there], label="saddle", **style)
     label_axes(axes, f"part of the {line}", "energy above the start [energy]", units)
-    divisor, energy = readable_unit(units, "energy", there if is_detached else max(there, back))
-    heights = f"barrier {there / divisor:.3g}"
-    if is_detached:
-        title = f"{heights} {in_brackets(energy)}, no way back"
-    else:
-        title = f"{heights}, back {back / divisor:.3g} {in_brackets(energy)}"
     axes.set_title(title)
     axes.legend()

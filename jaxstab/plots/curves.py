@@ -152,7 +152,9 @@ def spectrum(
         TypeError: for anything but spectra.
         ValueError: for a stack of spectra, a spectrum that is zero, and another number of labels.
     """
-    spectra = [spectrum] if isinstance(spectrum, PowerSpectrum) else list(spectrum)
+    if isinstance(spectrum, PowerSpectrum):
+        spectrum = [spectrum]
+    spectra = list(spectrum)
     names = labels_or_none(labels, len(spectra))
     axes = axes_or_new(axes)
     for each, name in zip(spectra, names, strict=True):
@@ -160,8 +162,8 @@ def spectrum(
     # Labels of other ticks would overlap.
     axes.xaxis.set_minor_locator(LogLocator(subs=(2, 5)))
     # A ring on a line holds a wave and its mirror image.
-    power = 3 if all(np.asarray(each.num_waves).max() <= 2 for each in spectra) else 4
-    density = f"power spectral density [length^{power}]"
+    are_lines = all(np.asarray(each.num_waves).max() <= 2 for each in spectra)
+    density = f"power spectral density [length^{4 - are_lines}]"
     label_axes(axes, "wavenumber q [1/length]", density, Units.checked(unit, None))
     for axis in (axes.xaxis, axes.yaxis):
         plain_decades(axis)
@@ -195,7 +197,8 @@ def _laws(
     axes: Axes | None,
 ) -> Axes:
     axes = axes_or_new(axes)
-    laws = list(laws) if isinstance(laws, Sequence) else [laws]
+    if not isinstance(laws, Sequence):
+        laws = [laws]
     for law in laws:
         if not callable(law):
             raise TypeError(

@@ -57,16 +57,21 @@ def evolution(
     names = labels_or_none(labels, len(evolutions))
     axes = axes_or_new(axes)
     for each, label in zip(evolutions, names, strict=True):
-        across = each.times if x == "time" else each.load.value
-        shown = slice(1, None) if x == "time" else slice(None)
-        values = np.asarray(getattr(each, y))[shown]
+        across = np.asarray(each.load.value)
+        values = np.asarray(getattr(each, y))
+        if x == "time":
+            # The logarithm of the first time may be infinite.
+            across = np.asarray(each.times)[1:]
+            values = values[1:]
         if not np.isfinite(values).any():
             ended = each.result.name[-1] if len(each) else "none"
             raise ValueError(f"No state to draw was found ({ended}).")
-        axes.plot(np.asarray(across)[shown], values, ".-", label=label)
+        axes.plot(across, values, ".-", label=label)
     load = evolutions[0].load
-    across = x if x == "time" else quantity_label(x, load)
-    label_axes(axes, across, quantity_label(y, load), contact.units)
+    name = "time"
+    if x == "load":
+        name = quantity_label(x, load)
+    label_axes(axes, name, quantity_label(y, load), contact.units)
     if x == "time":
         axes.set_xscale("log")
         plain_decades(axes.xaxis)

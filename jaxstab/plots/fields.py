@@ -34,8 +34,10 @@ def surface(contact: Contact, *, axes: Axes | None = None) -> Axes:
     require_contact(contact)
     datum = float(contact.datum)
     # A large datum would cost their digits, and all ticks would be alike.
-    above = f" above {measured(contact.units, datum, 'length', digits=6)}" if datum else ""
-    return _field(contact, contact.heights, f"height h{above} [length]", "cividis", axes)
+    label = "height h"
+    if datum:
+        label += f" above {measured(contact.units, datum, 'length', digits=6)}"
+    return _field(contact, contact.heights, f"{label} [length]", "cividis", axes)
 
 
 def gap(contact: Contact, equilibrium: State, *, axes: Axes | None = None) -> Axes:
@@ -70,7 +72,9 @@ def draw_areas(
         return axes
     x = np.asarray(contact.grid.coordinates[0])
     for number, colour in enumerate(colours, 1):
-        _fill(axes, x, numbers == number, color=grey(axes, 1) if colour == BLACK else colour)
+        if colour == BLACK:
+            colour = grey(axes, 1)
+        _fill(axes, x, numbers == number, color=colour)
     axes.margins(0)
     label_axis(axes.xaxis, "x [length]", contact.units)
     axes.set(yticks=[0, 1], yticklabels=["apart", "in contact"])
@@ -207,9 +211,14 @@ def _field(
         axes.plot(np.asarray(contact.grid.coordinates[0]), values)
         label_axes(axes, "x [length]", label, contact.units)
         return axes
-    # A closed gap is zero everywhere, and gets the range from 0 to 1.
-    most = np.abs(values).max() if centred else values.max() if values.any() else 1
-    least = -most if centred else values.min()
+    least = values.min()
+    most = values.max()
+    if centred:
+        most = np.abs(values).max()
+        least = -most
+    elif not values.any():
+        # A closed gap is zero everywhere.
+        most = 1
     image = draw_map(axes, contact, values, cmap=colours, vmin=least, vmax=most)
     add_colour_bar(axes, image, label, contact.units)
     return axes

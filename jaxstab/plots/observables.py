@@ -27,6 +27,7 @@ from jaxstab.plots.style import (
     plain_decades,
     quantity_label,
     scale_decades,
+    with_dimension,
 )
 
 # The lower end of the colours, over the largest flux.
@@ -58,8 +59,10 @@ def patches(
     number = int(found.number)
     percolates = np.asarray(found.percolates)
     along = [name for name, is_so in zip(_SIDES, percolates, strict=False) if is_so]
-    spanning = f", percolating along {' and '.join(along)}" if along else ""
-    axes.set_title(f"{number} patch{'es' * (number != 1)}{spanning}")
+    title = f"{number} patch{'es' * (number != 1)}"
+    if along:
+        title += f", percolating along {' and '.join(along)}"
+    axes.set_title(title)
     return axes
 
 
@@ -97,7 +100,9 @@ def flow(
     require_own(contact, leakage.drop.shape[1:], "leakage")
     require_one_of("along", along, _SIDES[: len(shape)])
     axes = axes_or_new(axes)
-    touches = None if equilibrium is None else found_equilibrium(contact, equilibrium).in_contact
+    touches = None
+    if equilibrium is not None:
+        touches = found_equilibrium(contact, equilibrium).in_contact
     side = _SIDES.index(along)
     if len(shape) == 1:
         axes.plot(np.asarray(contact.grid.coordinates[0]), np.asarray(leakage.drop[0]))
@@ -111,8 +116,10 @@ def flow(
         if touches is not None:
             shown = np.ma.masked_equal(np.asarray(touches), False)
             draw_map(axes, contact, shown, cmap=ListedColormap(["0.35"]))
-    flows = np.asarray(leakage.flux[side]).any()
-    axes.set_title(f"pressure falls along {along}" if flows else f"nothing flows along {along}")
+    title = f"nothing flows along {along}"
+    if np.asarray(leakage.flux[side]).any():
+        title = f"pressure falls along {along}"
+    axes.set_title(title)
     return axes
 
 
@@ -177,7 +184,7 @@ def observed(
     scale_decades(axes.yaxis, every[every != 0])
     dimension = dimensions(type(result)).get(name, NUMBER)
     words = dict.fromkeys((columns[column], name))
-    label = " ".join(words).replace("_", " ") + (f" [{dimension}]" if dimension != NUMBER else "")
+    label = with_dimension(" ".join(words).replace("_", " "), dimension)
     label_axes(axes, quantity_label(x, observed.load), label, units)
     if len(axes.lines) > 1:
         add_legend(axes)
@@ -220,13 +227,17 @@ def distribution(
     axes = axes_or_new(axes)
     touches = np.asarray(equilibrium.in_contact)
     values = np.asarray(getattr(equilibrium, quantity), float)
-    parts = {"in contact": values[touches]} if quantity == "pressure" else {}
+    parts = {}
+    if quantity == "pressure":
+        parts["in contact"] = values[touches]
     if attracts or quantity == "gap":
         parts["apart"] = values[~touches]
     parts = {name: part for name, part in parts.items() if part.size}
     shown = np.concatenate([*parts.values(), np.zeros(1)])
     edges = np.linspace(shown.min(), shown.max(), bins + 1)
-    for name, part in parts.items() if shown.any() else ():
+    if not shown.any():
+        parts = {}
+    for name, part in parts.items():
         counts = np.histogram(part, edges)[0]
         axes.stairs(counts / (values.size * np.diff(edges)), edges, label=name, linewidth=1.2)
     if is_known:

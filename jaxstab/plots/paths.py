@@ -10,6 +10,7 @@ from matplotlib.axis import XAxis, YAxis
 
 from jaxstab.branches import Branch, Turn
 from jaxstab.core.checks import require_kind, require_one_of
+from jaxstab.core.display import several
 from jaxstab.core.units import LENGTH, measured
 from jaxstab.loading import Observed, Path
 from jaxstab.loading.sweep import Sweep
@@ -125,12 +126,15 @@ def _draw(path: Path, x: Quantity, y: Quantity, axes: Axes) -> Axes:
         if before >= 0 and branch[before] == j:
             chosen = np.concatenate([[before], chosen])
         gaps = gap[part == i]
-        is_approach = gaps[-1] < gaps[0]
-        style = _APPROACH if is_approach else _RETRACTION
+        if gaps[-1] < gaps[0]:
+            name = "approach"
+            style = _APPROACH
+        else:
+            name = "retraction"
+            style = _RETRACTION
         label = None
         if j == branch[part == i][0]:
-            label = "approach" if is_approach else "retraction"
-            label = f"{label} to {loads[part == i][-1] / divisor:.3g}"
+            label = f"{name} to {loads[part == i][-1] / divisor:.3g}"
         colour = PALETTE[i % len(PALETTE)]
         axes.plot(there[chosen], across[chosen], ".-", color=colour, label=label, **style)
     scale(axes.xaxis, path, x)
@@ -139,9 +143,8 @@ def _draw(path: Path, x: Quantity, y: Quantity, axes: Axes) -> Axes:
     is_loop = loads[0] == loads[-1] and np.isfinite(path.dissipation)
     if is_loop and (x, y) == quantities_or_default(path, None, None):
         axes.fill(there, across, color=grey(axes, 0.1), zorder=0)
-        number = len(path.jumps)
         lost = measured(units, float(path.jumps.dissipation.sum()), "energy", digits=4)
-        axes.set_title(f"lost in {number} jump{'' if number == 1 else 's'}: {lost}")
+        axes.set_title(f"lost in {several(len(path.jumps), 'jump')}: {lost}")
     return axes
 
 
@@ -206,5 +209,6 @@ def of_states(path: _Curve | Turn | Observed | Sweep, quantity: Quantity) -> np.
                 "no far side: draw the mean gap, or press by a Spring or a FarDisplacement."
             )
         return -np.asarray(far)
-    values = path.load.value if quantity == "load" else getattr(path.equilibrium, quantity)
-    return np.asarray(values)
+    if quantity == "load":
+        return np.asarray(path.load.value)
+    return np.asarray(getattr(path.equilibrium, quantity))

@@ -104,7 +104,8 @@ def new_file(file: str | Path, endings: Collection[str], overwrite: bool) -> Pat
 
 def _millimetres(width: Width | None, figure: Figure) -> float:
     if width is None:
-        width = "single" if figure.get_size_inches()[0] <= _WIDTHS["double"] * _MM else "double"
+        is_narrow = figure.get_size_inches()[0] <= _WIDTHS["double"] * _MM
+        width = "single" if is_narrow else "double"
     number = _WIDTHS.get(width) if isinstance(width, str) else width
     if not isinstance(number, int | float) or not 0 < number < np.inf:
         raise ValueError(f'width is {width!r}: choose "single", "double" or a number of mm.')

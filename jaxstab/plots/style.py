@@ -56,10 +56,19 @@ QUANTITIES = {
 
 def quantity_label(quantity: str, load: Load) -> str:
     """Return the label of one of the `QUANTITIES`, or of the "load", with its dimension."""
-    if quantity == "load":
-        return f"{load.quantity} [{load.unit}]" if load.quantity else type(load).__name__
-    dimension = {**dimensions(States), "force": FORCE, "indentation": LENGTH}[quantity]
-    return QUANTITIES[quantity] + (f" [{dimension}]" if dimension != NUMBER else "")
+    if quantity != "load":
+        dimension = {**dimensions(States), "force": FORCE, "indentation": LENGTH}[quantity]
+        return with_dimension(QUANTITIES[quantity], dimension)
+    if not load.quantity:
+        return type(load).__name__
+    return f"{load.quantity} [{load.unit}]"
+
+
+def with_dimension(label: str, dimension: str) -> str:
+    """Return a label with a dimension in brackets, which a number does not have."""
+    if dimension == NUMBER:
+        return label
+    return f"{label} [{dimension}]"
 
 
 def default_ordinate(
@@ -95,7 +104,8 @@ def verdict_markers(axes: Axes) -> dict[str, Style]:
 
 def axes_or_new(axes: Axes | None) -> Axes:
     """Return the given axes or new ones; empty axes get the palette."""
-    axes = plt.subplots(layout="constrained")[1] if axes is None else axes
+    if axes is None:
+        axes = plt.subplots(layout="constrained")[1]
     require_kind(axes, Axes, "not axes: give the axes of a figure, as plt.subplots()[1].")
     if not axes.has_data():
         axes.set_prop_cycle(color=[*PALETTE, grey(axes, 1)])

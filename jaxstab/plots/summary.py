@@ -39,7 +39,9 @@ def summary(contact: Contact, equilibrium: State, stability: Stability | None = 
         ValueError: for a stack, a state without its stability, or one on another grid.
     """
     state = found_equilibrium(contact, equilibrium)
-    known = getattr(equilibrium, "stability", None) if stability is None else stability
+    known = stability
+    if known is None:
+        known = getattr(equilibrium, "stability", None)
     if known is None:
         raise ValueError(
             "The stability of this state is missing: give it, as in summary(contact, equilibrium, "
@@ -66,11 +68,15 @@ def _numbers(state: Equilibrium, stability: Stability) -> list[tuple[str, str]]:
     eigenvalues = np.array([float(pair.eigenvalue) for pair in pairs.values()])
     largest = np.abs(eigenvalues[np.isfinite(eigenvalues)]).max(initial=0)
     divisor, stiffness = readable_unit(units, "pressure/length", largest)
-    verdict = "stable, locally" if stability.is_local else stability.verdict.name.replace("_", " ")
+    verdict = stability.verdict.name.replace("_", " ")
+    if stability.is_local:
+        verdict = "stable, locally"
     value = float(load.value)
     # The symbol is left out, since its index would shift the lines below.
     quantity = quantity_label("load", load).partition(" [")[0].split(" $")[0]
-    text = measured(units, value, load.unit, digits=4) if load.unit else f"{value:.4g}"
+    text = f"{value:.4g}"
+    if load.unit:
+        text = measured(units, value, load.unit, digits=4)
     lines = [(quantity, text)]
     if state.is_window:
         lines.append(("force", measured(units, float(state.force), "force", digits=4)))
@@ -101,8 +107,9 @@ def _value(pair: Eigenpair, divisor: float) -> str:
     if pair.result != "successful":
         return pair.result.name.replace("_", " ")
     value = float(pair.eigenvalue) / divisor
-    error = float(pair.error) / divisor
-    return f"{value:.3g} ± {error:.1g}" if np.isfinite(value) else "none admissible"
+    if not np.isfinite(value):
+        return "none admissible"
+    return f"{value:.3g} ± {float(pair.error) / divisor:.1g}"
 
 
 def _write(axes: Axes, lines: list[tuple[str, str]]) -> None:
