@@ -48,7 +48,9 @@ class Source(NamedTuple):
         if "volume" in field:
             where = f"{where} {field['volume']}, {field['pages']}"
         line = f"{line}. {where} ({field['year']})."
-        return f"{line} doi:{field['doi']}" if "doi" in field else line
+        if "doi" in field:
+            line += f" doi:{field['doi']}"
+        return line
 
     @property
     def bibtex(self) -> str:
@@ -76,9 +78,11 @@ class Citations:
     def __repr__(self) -> str:
         entries = []
         for source, names in zip(self.sources, self.reasons.values(), strict=True):
-            behind = f" (behind {', '.join(names)})" if names else ""
+            role = source.fields["role"]
+            if names:
+                role += f" (behind {', '.join(names)})"
             entries.append(_wrapped(source.text, ""))
-            entries.append(_wrapped(source.fields["role"] + behind, "    "))
+            entries.append(_wrapped(role, "    "))
         return "\n".join(entries)
 
 
@@ -141,8 +145,11 @@ def _parts(item: object) -> Iterator[object]:
         if is_dataclass(item):
             for field in fields(item):
                 part = getattr(item, field.name, None)
-                part = [*part.values()] if isinstance(part, dict) else part
-                for each in part if isinstance(part, list | tuple) else [part]:
+                if isinstance(part, dict):
+                    part = [*part.values()]
+                if not isinstance(part, list | tuple):
+                    part = [part]
+                for each in part:
                     yield from _parts(each)
 
 

@@ -68,7 +68,9 @@ def in_options(message: str) -> str:
     def option(quoted: re.Match[str]) -> str:
         name = option_of(quoted[1])
         value = quoted[2].removeprefix("True")
-        return f"{name} {value}".strip() if f"[{name}" in known else quoted[0]
+        if f"[{name}" not in known:
+            return quoted[0]
+        return f"{name} {value}".strip()
 
     return re.sub(r'`(\w+)=?"?(\w*)"?`', option, message)
 
@@ -76,7 +78,7 @@ def in_options(message: str) -> str:
 def read(arguments: list[str]) -> tuple[str, argparse.Namespace]:
     """Return the command that arguments name, and its options, checked."""
     parser, parsers = _parsers()
-    first = arguments[0] if arguments else "run"
+    first, *rest = arguments or ["run"]
     if first in ("-h", "--help", "--version"):
         parser.parse_args([first])
     if first not in COMMANDS and not first.startswith("-"):
@@ -84,7 +86,10 @@ def read(arguments: list[str]) -> tuple[str, argparse.Namespace]:
             f"there is no command {first}{nearest(first, COMMANDS)}. "
             f"Commands: {', '.join(COMMANDS)}."
         )
-    name, *rest = arguments if first in COMMANDS and arguments else ["run", *arguments]
+    name = first
+    if first not in COMMANDS:
+        name = "run"
+        rest = arguments
     options = parsers[name].parse_args(rest)
     if name == "run":
         if options.config is not None:

@@ -68,7 +68,9 @@ def nearest(word: str, choices: Iterable[str]) -> str:
 
 def whole_number(least: int, most: float = float("inf")) -> Callable[[str], int]:
     """Return a converter of text that lets whole numbers of a range pass."""
-    limits = f"of at least {least}" if most == float("inf") else f"from {least} to {most}"
+    limits = f"from {least} to {most}"
+    if most == float("inf"):
+        limits = f"of at least {least}"
 
     def convert(text: str) -> int:
         if not re.fullmatch(r"[-+]?\d+", text) or not least <= int(text) <= most:
@@ -117,8 +119,11 @@ def from_config(parser: Parser, path: Path) -> list[str]:
         values = value if isinstance(value, list) else [value]
         if name == "config" or not all(type(part) in (int, float, str) for part in values):
             parser.error(f"{source}{name} is {value!r}: give options as numbers or texts.")
-        # In one word a negative number is no option.
         option = option_of(name)
         texts = [*map(str, values)]
-        arguments += [f"{option}={texts[0]}"] if len(texts) == 1 else [option, *texts]
+        # In one word a negative number is no option.
+        if len(texts) == 1:
+            arguments.append(f"{option}={texts[0]}")
+        else:
+            arguments += [option, *texts]
     return arguments

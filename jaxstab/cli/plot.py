@@ -61,4 +61,6 @@ def _figure(contact: Contact, result: Any) -> Figure | Axes:
         return plots.gap(contact, result)
     if result.stability is None:
         raise ValueError("This sweep holds no stability: choose one of its states by --state.")
-    return plots.stability_curve(result) if result.stack_shape else plots.summary(contact, result)
+    if result.stack_shape:
+        return plots.stability_curve(result)
+    return plots.summary(contact, result)

@@ -23,10 +23,10 @@ from jaxstab.solids import HalfSpace
 def surface_of(path: Path, options: argparse.Namespace) -> surfaces.Topography:
     """Return the surface of a file as it is."""
     lengths, unit, channel = (getattr(options, name) for name in OF_A_FILE)
-    # A single length applies to all sides.
-    return surfaces.read(
-        path, lengths[0] if lengths and len(lengths) == 1 else lengths, unit, channel
-    )
+    if lengths is not None and len(lengths) == 1:
+        # A single length applies to all sides.
+        lengths = lengths[0]
+    return surfaces.read(path, lengths, unit, channel)
 
 
 def contact_of(options: argparse.Namespace) -> Contact:
@@ -70,13 +70,18 @@ def loads_of(
 ) -> loads.Load:
     """Return loads at shares of the way from the first to the last."""
     rms = float(np.std(contact.heights))
-    # Pressures inside of a core are unbounded.
-    innermost = innermost_gap(contact.profile)
-    first = innermost + 1e-4 * rms if options.first is None else options.first
-    last = first + 20 * rms if options.last is None else options.last
+    first = options.first
+    if first is None:
+        # Pressures inside of a core are unbounded.
+        first = innermost_gap(contact.profile) + 1e-4 * rms
+    last = options.last
+    if last is None:
+        last = first + 20 * rms
     values = jnp.asarray(first + (last - first) * np.asarray(shares))
-    machine = [] if options.stiffness is None else [options.stiffness]
-    return getattr(loads, LOADS[options.load])(values, *machine)
+    kind = getattr(loads, LOADS[options.load])
+    if options.stiffness is None:
+        return kind(values)
+    return kind(values, options.stiffness)
 
 
 def loaded(options: argparse.Namespace) -> tuple[Contact, Result]:

@@ -94,8 +94,10 @@ def _imported(path: Path) -> ModuleType:
     except (Exception, SystemExit) as error:
         frames = traceback.extract_tb(error.__traceback__)
         lines = [frame.lineno for frame in frames if frame.filename == spec.origin]
-        line = f", line {lines[-1]}" if lines else ""
-        raise ValueError(f"{path}{line}: {type(error).__name__}: {error}") from error
+        place = str(path)
+        if lines:
+            place += f", line {lines[-1]}"
+        raise ValueError(f"{place}: {type(error).__name__}: {error}") from error
     for name in ("case", "axes"):
         if not hasattr(module, name):
             raise ValueError(f"{path} defines no `{name}`: a study needs `case` and `axes`.")

@@ -140,7 +140,9 @@ class Evolution(Totals):
     def equilibrium(self) -> States:
         """The states as a path has them: energies above the start, losses in jumps."""
         contact = self.contact
-        kept = self.fields
+        gap = None
+        if self.fields is not None:
+            gap = contact.solid.padded.surface(self.fields.gap)
         return States(
             self.mean_gap,
             self.mean_pressure,
@@ -149,7 +151,7 @@ class Evolution(Totals):
             energy=self.stored,
             work=self.work,
             dissipation=self.lost,
-            gap=None if kept is None else contact.solid.padded.surface(kept.gap),
+            gap=gap,
             units=contact.units,
             is_window=contact.solid.is_window,
         )
@@ -214,4 +216,6 @@ def moved_contact(contact: Contact, memory: Internal, dt: Scalar) -> Contact:
 def on_gap(contact: Contact, load: Load) -> Load:
     """Return a mean displacement as the mean gap, which no memory moves, and other loads."""
     control: Any = contact.control(load)
-    return MeanGap(control.mean_gap) if isinstance(load, MeanDisplacement) else load
+    if isinstance(load, MeanDisplacement):
+        return MeanGap(control.mean_gap)
+    return load

@@ -68,7 +68,9 @@ def _lifetime(
     contact: Contact, relaxed: Contact, load: Load, initial: Any, until: Any, rtol: Any
 ) -> float:
     solid: Any = contact.solid
-    start = equilibrate(relaxed, MeanPressure(0.0)) if initial is None else initial
+    start = initial
+    if start is None:
+        start = equilibrate(relaxed, MeanPressure(0.0))
     require_kind(start, Equilibrium | Evolution, "no state: give one of equilibrate or evolve.")
     # Where a core keeps every gap open, a dead load alone detaches the surfaces.
     has_core = bool(contact.has_core)
@@ -77,7 +79,9 @@ def _lifetime(
             "The initial state has no point in contact, so that nothing can detach: give "
             "`initial`, a state in contact."
         )
-    end = _LAST * solid.times[-1] if until is None else scalar_parameter(until, "until")
+    if until is None:
+        until = _LAST * solid.times[-1]
+    end = scalar_parameter(until, "until")
     require_positive("until", end)
     first = jnp.minimum(_FIRST * solid.times[0], end / 2)
     count = int(_PER_DECADE * np.log10(float(end / first))) + 2

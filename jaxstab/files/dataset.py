@@ -110,15 +110,19 @@ def to_dataset(contact: Contact, result: Result, *, fields: bool = True) -> "xar
     import xarray
 
     require_contact(contact)
-    # A transition is known by the state that it starts from.
-    holder: Any = result.start if isinstance(result, Transition) else result
+    holder: Any = result
+    alone = result
+    if isinstance(result, Transition):
+        # It is known by the state that it starts from.
+        holder = result.start
+    elif isinstance(result, Evolution):
+        # Its contact is written once.
+        alone = replace(result, contact=None)
     states = getattr(holder, "equilibrium", holder)
     load = getattr(holder, "load", None)
     axes = _axes(contact, result, states)
     _require_own(contact, states)
     recorder = Recorder(contact.grid.shape)
-    # Its contact is written once.
-    alone = replace(result, contact=None) if isinstance(result, Evolution) else result
     structure = {
         "contact": recorder.structure(contact, ("contact",)),
         "result": recorder.structure(alone, (), *axes),
@@ -154,12 +158,14 @@ def _axes(
             raise ValueError("These are several evolutions: choose one, as evolution[0].")
         require_same_contact(contact, result.contact, "The evolution")
         return ("state",)[: result.times.ndim], own
-    if isinstance(result, Path | Branch):
-        if result.result.code.ndim:
-            kind = "paths" if isinstance(result, Path) else "branches"
-            raise ValueError(f"These are several {kind}: choose one of them by jax.tree.map.")
+    if isinstance(result, Path):
+        _require_one("paths", result)
         stacked = 1
-        field = (result.jumps if isinstance(result, Path) else result.turns).mode
+        field = result.jumps.mode
+    elif isinstance(result, Branch):
+        _require_one("branches", result)
+        stacked = 1
+        field = result.turns.mode
     else:
         stacked = len(result.stack_shape)
         last = "load" if isinstance(result, Sweep) else "state"
@@ -169,6 +175,11 @@ def _axes(
     cure = "give the contact that it came from."
     require_shape("A field of the result", np.shape(field)[stacked:], contact.grid.shape, cure)
     return axes, own
+
+
+def _require_one(kind: str, result: Path | Branch) -> None:
+    if result.result.code.ndim:
+        raise ValueError(f"These are several {kind}: choose one of them by jax.tree.map.")
 
 
 def _require_own(contact: Contact, states: PyTree) -> None:
@@ -202,7 +213,9 @@ def _variable(record: NamedArray, contact: Contact, load: Load | None) -> Variab
     words = [word.replace("_", " ") for word in holders if word not in silent]
     attributes = {"long_name": ", ".join([*words, name])}
     unit = unit_symbol(contact.units, dimension)
-    return record.dims, record.values, attributes | ({"units": unit} if unit else {})
+    if unit:
+        attributes["units"] = unit
+    return record.dims, record.values, attributes
 
 
 def _coordinates(

@@ -76,8 +76,9 @@ def save(
     try:
         path.open("xb").close()
     except FileExistsError:
-        is_left = path.is_file() and not path.stat().st_size
-        left = "is empty, perhaps left by a process that was killed" if is_left else "exists"
+        left = "exists"
+        if path.is_file() and not path.stat().st_size:
+            left = "is empty, perhaps left by a process that was killed"
         raise FileExistsError(f"{path} {left}: delete it, or give another name.") from None
     part = path.with_name(f".{path.name}.part")
     try:
@@ -136,7 +137,9 @@ def load(path: str | Path, *, potential: Potential | None = None) -> tuple[Conta
     if not isinstance(law, LostFunction):
         require_same_law(contact, arrays, path)
     result = restored(structure["result"], arrays)
-    return contact, replace(result, contact=contact) if isinstance(result, Evolution) else result
+    if isinstance(result, Evolution):
+        result = replace(result, contact=contact)
+    return contact, result
 
 
 def attributes_of(path: str | Path) -> dict[str, str] | None:
@@ -145,7 +148,9 @@ def attributes_of(path: str | Path) -> dict[str, str] | None:
         if file.read(len(_MAGIC)) != _MAGIC:
             return None
     with _opened(Path(path)) as dataset:
-        return dict(dataset.attrs) if "versions" in dataset.attrs else None
+        if "versions" not in dataset.attrs:
+            return None
+        return dict(dataset.attrs)
 
 
 def _arrays(dataset: "xarray.Dataset") -> dict[str, np.ndarray]:
@@ -158,11 +163,11 @@ def _checksums(arrays: dict[str, np.ndarray], attributes: dict[str, str]) -> dic
     structure = attributes.get("structure", "").encode(errors="surrogateescape")
     contents: dict[str, Any] = {"structure": structure}
     for name, array in arrays.items():
-        is_words = array.dtype.kind not in "fiub"
-        # Large arrays are not copied.
-        contents[name] = (
-            "\n".join(array.ravel()).encode() if is_words else np.ascontiguousarray(array)
-        )
+        if array.dtype.kind in "fiub":
+            # Large arrays are not copied.
+            contents[name] = np.ascontiguousarray(array)
+        else:
+            contents[name] = "\n".join(array.ravel()).encode()
     return {name: zlib.crc32(content) for name, content in contents.items()}
 
 
@@ -227,4 +232,6 @@ def _law(
     if given is not None:
         return as_module(given, dtype)
     lost = functions_of(structure) + lost_classes(structure)
-    return LostFunction(lost[0]) if lost else restored(structure, arrays)
+    if lost:
+        return LostFunction(lost[0])
+    return restored(structure, arrays)

@@ -41,7 +41,9 @@ class LostFunction(eqx.Module):
     def __call__(self, argument: object) -> NoReturn:
         """Raise `ValueError`, since nothing is known but values."""
         module, is_class, _ = self.name.partition(":")
-        cure = f"Import {module} before jaxstab.load, or give a law" if is_class else "Give a law"
+        cure = "Give a law"
+        if is_class:
+            cure = f"Import {module} before jaxstab.load, or give a law"
         raise ValueError(
             f"Of `{self.name}` the file holds values only, no formula. {cure} to "
             "jaxstab.load(path, potential=...); for a solid, build the contact anew."
@@ -107,10 +109,11 @@ class Recorder:
         if isinstance(value, dict):
             parts = {key: self.structure(x, (*path, key), axes) for key, x in value.items()}
             return {"dict": parts}
-        is_bare = isinstance(value, BareFunction)
-        is_local = "<locals>" in type(value).__qualname__
-        if is_bare or is_local or not isinstance(value, eqx.Module):
-            return {"function": repr(value) if is_bare else type(value).__qualname__}
+        if isinstance(value, BareFunction):
+            return {"function": repr(value)}
+        kind = type(value).__qualname__
+        if "<locals>" in kind or not isinstance(value, eqx.Module):
+            return {"function": kind}
         contents = {
             field.name: self.structure(
                 getattr(value, field.name),
@@ -136,7 +139,8 @@ class Recorder:
             raise TypeError("JAX is tracing the result, without numbers: save it outside of jit.")
         values = np.asarray(array)
         words = [_SINGULAR.get(word, word) for word in path]
-        words = ["total", *words] if path in _TOTALS and not axes else words
+        if path in _TOTALS and not axes:
+            words.insert(0, "total")
         name = "_".join([word for word in words if word not in _SILENT]) or path[-1]
         dims = (*axes, *self._own_dims(name, path, values.shape[len(axes) :]))
         record = NamedArray(values, dims, path, dimension)
@@ -238,10 +242,14 @@ def _class(path: str) -> type:
             f"The file names the class {path}, and a file imports no module: if you trust it, "
             f"write `import {module}` before jaxstab.load, or give the option --import {module}."
         )
-    found: object = _public(path) if is_own else sys.modules[module]
-    for part in [] if is_own else name.split("."):
-        # `getattr` may import, a look-up in `__dict__` cannot.
-        found = getattr(found, "__dict__", {}).get(part)
+    found: object
+    if is_own:
+        found = _public(path)
+    else:
+        found = sys.modules[module]
+        for part in name.split("."):
+            # `getattr` may import, a look-up in `__dict__` cannot.
+            found = getattr(found, "__dict__", {}).get(part)
     if found is None:
         raise ValueError(f"The class {path} of the file is not found: define it.")
     if not (isinstance(found, type) and issubclass(found, eqx.Module)):
@@ -258,8 +266,12 @@ def _name_of(kind: type) -> str:
 def _public(path: str) -> object:
     """Return the object of a public "module:name", None if there is none."""
     name, _, word = path.partition(":")
-    module = sys.modules.get(name) if name in _PUBLIC else None
-    return getattr(module, word) if module and word in module.__all__ else None
+    if name not in _PUBLIC or name not in sys.modules:
+        return None
+    module = sys.modules[name]
+    if word not in module.__all__:
+        return None
+    return getattr(module, word)
 
 
 def _coded(words: np.ndarray, names: list[str]) -> np.ndarray:

@@ -115,7 +115,9 @@ def at_some_points(potential: Potential) -> Potential:
 
 def innermost_gap(profile: Profile) -> float:
     """Return the gap of least energy of a law with a core, zero for any other law [length]."""
-    return float(profile.gaps[np.nanargmin(profile.values)]) if profile.has_core else 0.0
+    if not profile.has_core:
+        return 0.0
+    return float(profile.gaps[np.nanargmin(profile.values)])
 
 
 def require_smooth(profile: Profile) -> None:

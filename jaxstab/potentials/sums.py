@@ -13,13 +13,17 @@ class Law(eqx.Module):
     """A law that can be added to another, or to a bare function of the gap."""
 
     def __add__(self, other: object) -> "Sum":
-        return Sum((*_parts(self), *_parts(other))) if callable(other) else NotImplemented
+        if not callable(other):
+            return NotImplemented
+        return Sum((*_parts(self), *_parts(other)))
 
     def __radd__(self, other: object) -> "Law":
         if isinstance(other, int) and other == 0:
             # `sum` starts with zero.
             return self
-        return Sum((*_parts(other), *_parts(self))) if callable(other) else NotImplemented
+        if not callable(other):
+            return NotImplemented
+        return Sum((*_parts(other), *_parts(self)))
 
 
 class Sum(Law):

@@ -301,7 +301,9 @@ class Viscoelastic(Solid):
     def padded(self) -> "Viscoelastic":
         """The solid on the grid of the computation."""
         padded = self.solid.padded
-        return self if padded is self.solid else eqx.tree_at(lambda s: s.solid, self, padded)
+        if padded is self.solid:
+            return self
+        return eqx.tree_at(lambda s: s.solid, self, padded)
 
     @property
     def is_valid(self) -> Flag:

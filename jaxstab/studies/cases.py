@@ -52,13 +52,14 @@ class Cases(NamedTuple):
 
     def write(self, case: Case, outputs: Variables, seconds: float, error: str) -> None:
         """Write the file of a case, of a failed one with its error."""
-        own = {}
-        is_listed = self.dims == (LISTED,)
-        # By the coordinate of the list xarray combines the files.
-        places = {LISTED: self.file(case).stem, **case} if is_listed else case
-        attrs = {"coordinates": " ".join(places)} if is_listed else {}
-        for name, x in places.items():
-            own[name] = Variable(self.dims if is_listed else (name,), np.array([x]))
+        attrs = {}
+        if self.dims == (LISTED,):
+            # By the coordinate of the list xarray combines the files.
+            places = {LISTED: self.file(case).stem, **case}
+            attrs = {"coordinates": " ".join(places)}
+            own = {name: Variable(self.dims, np.array([x])) for name, x in places.items()}
+        else:
+            own = {name: Variable((name,), np.array([x])) for name, x in case.items()}
         marks = "failed" if error else "successful", seconds, error
         for name, x in zip(MARKS, marks, strict=True):
             own[name] = Variable(self.dims, np.array(x)[(None,) * len(self.dims)], attrs)
@@ -71,11 +72,12 @@ class Cases(NamedTuple):
         given = {}
         outputs = {}
         for name, x in _variables(returned).items():
-            is_labelled = hasattr(x, "dims")
-            values = _array(name, x.values if is_labelled else x)
-            named = tuple(f"{name}_{i}" for i in range(values.ndim))
-            dims, attrs = (x.dims, x.attrs) if is_labelled else (named, {})
-            given[name] = Variable(dims, values, attrs)
+            if hasattr(x, "dims"):
+                given[name] = Variable(x.dims, _array(name, x.values), x.attrs)
+            else:
+                values = _array(name, x)
+                dims = tuple(f"{name}_{i}" for i in range(values.ndim))
+                given[name] = Variable(dims, values, {})
         for name, (dims, values, attrs) in given.items():
             for each in (name, *dims):
                 is_clash = each in given and each in dims and given[each].dims != (each,)
@@ -96,7 +98,9 @@ def read_axes(axes: Any) -> tuple[dict[str, list[Any]], tuple[str, ...]]:
     rows: Any = axes if is_listed else [axes]
     if not rows or any(not isinstance(x, Mapping) or not x or {*x} != {*rows[0]} for x in rows):
         raise TypeError("The axes are neither a dict of arrays nor dicts with the same names.")
-    given = {n: [row[n] for row in rows] if is_listed else axes[n] for n in rows[0]}
+    given = axes
+    if is_listed:
+        given = {name: [row[name] for row in rows] for name in rows[0]}
     values = {name: _array(name, x) for name, x in given.items()}
     for name, x in values.items():
         is_number = x.dtype.kind in "biuf" and np.isfinite(x).all()
@@ -128,17 +132,20 @@ def _variables(returned: Any) -> Mapping[Any, Any]:
 
 
 def _array(name: Any, value: Any) -> np.ndarray:
-    value = value.name if isinstance(value, Enumeration) else value
+    if isinstance(value, Enumeration):
+        value = value.name
     for each in value if type(value) in (list, tuple) else [value]:
         require_no_unit(each, name)
     try:
-        # A missing number is NaN, which integers do not have.
-        array = np.asarray(value.filled(math.nan) if np.ma.is_masked(value) else value)
+        if np.ma.is_masked(value):
+            # A missing number is NaN, which integers do not have.
+            value = value.filled(math.nan)
+        array = np.asarray(value)
         if array.dtype.kind in ("O", "T", "U") and array.size:
             # NumPy makes words of numbers beside words.
             array = np.asarray(value, object)
-            is_text = all(isinstance(x, str) for x in array.flat)
-            array = array.astype(str) if is_text else array
+            if all(isinstance(x, str) for x in array.flat):
+                array = array.astype(str)
     except (TypeError, ValueError) as error:
         raise TypeError(f"{name} is no array of numbers or words: {error}") from None
     if array.dtype.kind not in "biufcU":

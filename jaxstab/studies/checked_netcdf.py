@@ -69,7 +69,9 @@ def read(path: Path, largest: float = math.inf) -> Variables:
     """
     h5py = _h5py()
     variables = {}
-    content = b"" if path.is_dir() else path.read_bytes()
+    content = b""
+    if not path.is_dir():
+        content = path.read_bytes()
     image = content[:-_DIGEST]
     digest = content[-_DIGEST:]
     if _digest(path, image) != digest:
@@ -106,10 +108,13 @@ def _empty(layout: str) -> bytes:
         file.dimensions = {name: size for pair in pairs for name, size in pair}
         file.attrs["layout"] = np.array(text, _h5py().string_dtype("utf-8", len(text)))
         for name, (dims, shape, dtype, attrs) in variables.items():
-            is_one = math.prod(shape) * np.dtype(dtype).itemsize < 2**28
-            chunks = {"chunks": tuple(shape) if is_one else True, "fletcher32": True}
-            options = chunks if 0 not in shape and dtype != _WORDS else {}
-            stored = _h5py().string_dtype() if dtype == _WORDS else np.dtype(dtype)
+            options = {}
+            stored = np.dtype(dtype)
+            if dtype == _WORDS:
+                stored = _h5py().string_dtype()
+            elif 0 not in shape:
+                is_one_chunk = math.prod(shape) * stored.itemsize < 2**28
+                options = {"chunks": tuple(shape) if is_one_chunk else True, "fletcher32": True}
             file.create_variable(name, dims, stored, **options).attrs.update(attrs)
     return image.getvalue()
 

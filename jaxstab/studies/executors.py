@@ -52,9 +52,12 @@ def run_tasks(
     order = pickle.dumps((settings, versions(), cloudpickle.dumps(worker)))
     if hasattr(executor, "get_executor"):
         executor = executor.get_executor(pure=False)
-    # Each process of our own is a pool with one task in hand, the only one that its death costs.
-    pools = [_process() for _ in range(executor)] if is_own else [executor]
-    free = deque([*range(len(pools))] * (1 if is_own else _WINDOW))
+    pools = [executor]
+    free = deque([0] * _WINDOW)
+    if is_own:
+        # Each process is a pool with one task in hand, the only one that its death costs.
+        pools = [_process() for _ in range(executor)]
+        free = deque(range(executor))
     in_hand = {}
     try:
         while left or in_hand:
@@ -75,7 +78,9 @@ def run_tasks(
             for future in futures.wait(in_hand, 0.2, futures.FIRST_COMPLETED).done:
                 place, (number, task) = in_hand.pop(future)
                 free.append(place)
-                error = futures.CancelledError() if future.cancelled() else future.exception()
+                error = futures.CancelledError()
+                if not future.cancelled():
+                    error = future.exception()
                 if error is None and isinstance(future.result(), Exception):
                     raise future.result()
                 if error is None:
@@ -92,8 +97,9 @@ def run_tasks(
     finally:
         for future in in_hand:
             future.cancel()
-        for pool in pools if is_own else ():
-            pool.shutdown(cancel_futures=True)
+        if is_own:
+            for pool in pools:
+                pool.shutdown(cancel_futures=True)
 
 
 def _require_no_fork(executor: object) -> None:

@@ -124,7 +124,9 @@ def study(
         done = f"{sum(file.exists() for file in files)} of {len(files)} cases are in {cases.path}"
         said = f"{getattr(error, 'strerror', None) or error}: {done}. Mend this, then call again."
         number = getattr(error, "errno", None)
-        raise OSError(number, said) if number else RuntimeError(said) from error
+        if number:
+            raise OSError(number, said) from error
+        raise RuntimeError(said) from error
     if len(found) < len(files):
         done = f"{len(found)} of {len(files)} cases are in {cases.path}"
         warn(f"The study was interrupted: {done}. The same call goes on.", StudyInterrupted)
@@ -139,7 +141,9 @@ def _begin(cases: Cases, case: Callable[..., object], version: object, accept: b
     names = [x.name for x in path.iterdir() if x.suffix not in (".part", ".begun")]
     if names and not any(name == RECORD or name.endswith(".nc") for name in names):
         raise ValueError(f"{path} is no study, it holds {min(names)}: give a new folder.")
-    text = file.read_text() if file.exists() else ""
+    text = ""
+    if file.exists():
+        text = file.read_text()
     known = {}
     with suppress(ValueError, TypeError):
         known = dict(json.loads(text))
@@ -160,7 +164,8 @@ def _begin(cases: Cases, case: Callable[..., object], version: object, accept: b
             "folder; or, if its cases stay valid, `accept_changes=True` records the change."
         )
     if changes:
-        now["changes"] += [{"when": time.ctime(), "changed": changes}] if names else []
+        if names:
+            now["changes"].append({"when": time.ctime(), "changed": changes})
         write_whole(file, json.dumps(now, indent=1, default=str).encode())
     return cases._replace(names=tuple(axes), dims=tuple(dims))
 
@@ -249,17 +254,26 @@ def _form(name: str, variable: Variable) -> str:
     dims, values, _ = variable
     kind = "words" if values.dtype.kind == "U" else "numbers"
     sizes = ", ".join(f"{n} {size}" for n, size in zip(dims, values.shape, strict=True))
-    return f"{kind} ({sizes})" + (f" {values.tolist()}" if dims == (name,) else "")
+    form = f"{kind} ({sizes})"
+    if dims == (name,):
+        form += f" {values.tolist()}"
+    return form
 
 
 def _blank(name: str, variables: Sequence[Variable]) -> Variable:
     """Return an output without values, in a kind that holds the values of all cases."""
     dims, values, attrs = variables[0]
+    if dims == (name,):
+        return variables[0]
     dtype = np.result_type(*{x.values.dtype for x in variables})
-    least = np.iinfo(dtype).min if dtype.kind in "iu" else math.nan
-    none = {"b": False, "U": "missing"}.get(dtype.kind, least)
-    full = np.full(values.shape, none, None if dtype.kind == "U" else dtype)
-    return Variable(dims, values if dims == (name,) else full, attrs)
+    if dtype.kind == "U":
+        return Variable(dims, np.full(values.shape, "missing"), attrs)
+    none = math.nan
+    if dtype.kind == "b":
+        none = False
+    elif dtype.kind in "iu":
+        none = np.iinfo(dtype).min
+    return Variable(dims, np.full(values.shape, none, dtype), attrs)
 
 
 def _dataset(
@@ -271,9 +285,10 @@ def _dataset(
     from dask.delayed import delayed
 
     dims = cases.dims
-    is_listed = cases.dims == (LISTED,)
-    coordinates = {name: (dims if is_listed else name, axes[name]) for name in cases.names}
-    coordinates |= {LISTED: (dims, [path.stem for path in found])} if is_listed else {}
+    coordinates: dict[str, Any] = {name: (name, axes[name]) for name in cases.names}
+    if dims == (LISTED,):
+        coordinates = {name: (dims, axes[name]) for name in cases.names}
+        coordinates[LISTED] = dims, [path.stem for path in found]
     dataset = xarray.Dataset(coords=coordinates)
     shape = [dataset.sizes[name] for name in dims]
     marks = zip(MARKS, ("missing", math.nan, ""), strict=True)

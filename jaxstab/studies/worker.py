@@ -60,7 +60,10 @@ class CaseWorker:
         return any(map(self._num_begun, task))
 
     def _num_begun(self, case: Case) -> int:
-        return self._mark(case).stat().st_size if self._mark(case).exists() else 0
+        mark = self._mark(case)
+        if not mark.exists():
+            return 0
+        return mark.stat().st_size
 
     def _mark(self, case: Case) -> Path:
         return self.cases.file(case).with_suffix(f".{self.driver}.begun")

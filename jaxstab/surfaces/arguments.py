@@ -32,14 +32,19 @@ def require_same_grid(grid: Grid, own: Grid) -> None:
     """Raise `ValueError` if a grid is not a topography's own."""
     lengths = concrete(grid.lengths), concrete(own.lengths)
     if grid.shape != own.shape or not (is_traced(lengths) or np.allclose(*lengths, ROUNDING, 0)):
-        given, expected = (
-            times(one.shape) + " points" + ("" if is_traced(x) else f" of {times(x, '.6g')}")
-            for one, x in zip((grid, own), lengths, strict=True)
-        )
+        given, expected = (_extent(*one) for one in zip((grid, own), lengths, strict=True))
         raise ValueError(
             f"The grid has {given}, the topography {expected}: give the topography's own, as in "
             "HalfSpace(topography.grid, ...)."
         )
+
+
+def _extent(grid: Grid, lengths: Any) -> str:
+    """Return the points of a grid, and its side lengths if they are known."""
+    points = f"{times(grid.shape)} points"
+    if is_traced(lengths):
+        return points
+    return f"{points} of {times(lengths, '.6g')}"
 
 
 def checked_band(k_low: Any, k_high: Any) -> tuple[float, float]:
@@ -58,9 +63,10 @@ def require_agreement(scan: Scan, lengths: Any, unit: str | None) -> None:
     if not (scan.lengths is None or scan.is_counted or is_traced(lengths)):
         own = np.broadcast_to(scan.lengths, lengths.shape)
         if not np.allclose(own, lengths, ROUNDING, 0):
+            come = f"{times(own, '.10g')} {scan.unit or ''}".strip()
             raise ValueError(
                 f"lengths are {times(lengths, '.10g')}, but the heights come with lengths of "
-                f"{times(own, '.10g')}{f' {scan.unit}' if scan.unit else ''}: use these."
+                f"{come}: use these."
             )
     if scan.unit and unit is not None and unit_of(unit) != scan.unit:
         raise ValueError(
@@ -71,7 +77,9 @@ def require_agreement(scan: Scan, lengths: Any, unit: str | None) -> None:
 
 def points_between(name: str, interval: Any, n: int, dx: float, rounding: float) -> slice:
     """Return the slice of the n points of a side in an interval [length]."""
-    ends = [real(end) for end in interval] if np.iterable(interval) else []
+    ends = []
+    if np.iterable(interval):
+        ends = [real(end) for end in interval]
     if len(ends) != 2 or np.isnan(ends).any():
         raise ValueError(
             f"{name} is {interval!r}: give two numbers, as in {name}=(0, {n * dx / 2:.3g})."

@@ -149,7 +149,9 @@ def _tilt(heights: np.ndarray) -> np.ndarray | None:
     # A single long wave fits a plane as well, but meets itself at the edge.
     rises = [np.take(plane, -1, axis).flat[0] - plane.flat[0] for axis in range(plane.ndim)]
     axis = int(np.argmax(np.abs(rises)))
-    return plane if _has_edge_jump(heights, axis, _TILT_JUMP) else None
+    if not _has_edge_jump(heights, axis, _TILT_JUMP):
+        return None
+    return plane
 
 
 def rms(heights: np.ndarray) -> float:

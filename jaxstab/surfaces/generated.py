@@ -146,7 +146,7 @@ def _filtered_noise(
     k_low, k_rolloff, k_high = cutoffs
     k = grid.wavenumbers * jnp.max(grid.lengths) / (2 * jnp.pi)
     passes = (k >= k_low * (1 - ROUNDING)) & (k <= k_high * (1 + ROUNDING))
-    power = 2 * hurst + len(grid.shape) if exponent == "field" else hurst + 2
+    power = {"field": 2 * hurst + len(grid.shape), "paper": hurst + 2}[exponent]
     spectrum = jnp.maximum(jnp.where(passes, k, k_rolloff), k_rolloff) ** -power
     modes = jnp.where(passes, jnp.sqrt(spectrum), 0) * _wave_noise(grid, key)
     heights = grid.inverse_transform(modes)

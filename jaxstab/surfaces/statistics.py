@@ -217,18 +217,23 @@ def _heights_on(grid: Grid, heights: object) -> Field:
     """Return heights as an array, which must be on the grid."""
     require_grid(grid)
     topography = as_topography(heights, grid)
-    heights = _complete(topography.on(grid) if topography else heights)
+    if topography:
+        heights = topography.on(grid)
+    heights = _complete(heights)
     require_shape("The array of heights", heights.shape, grid.shape, "they must agree.")
     return grid.device_put(heights)
 
 
 def _complete(heights: object) -> Float[Array | np.ndarray, " *grid"]:
     """Return heights as an array, which must be finite if known."""
-    given = heights.heights if isinstance(heights, Topography) else heights
-    heights = numbers(given, "The array of heights")
-    require_finite("A height", heights, FILL)
-    # No statistic depends on a constant, which would cost digits in single precision.
-    return heights - heights.mean() if isinstance(heights, np.ndarray) else heights
+    if isinstance(heights, Topography):
+        heights = heights.heights
+    complete = numbers(heights, "The array of heights")
+    require_finite("A height", complete, FILL)
+    if isinstance(complete, np.ndarray):
+        # No statistic depends on a constant, which would cost digits in single precision.
+        complete = complete - complete.mean()
+    return complete
 
 
 def _gradient(grid: Grid, heights: Field) -> list[Field]:

@@ -87,7 +87,9 @@ class Topography:
 
     @property
     def _wrong_edges(self) -> list[str]:
-        return [] if self.is_periodic else faults.looks_wrong(self.heights)
+        if self.is_periodic:
+            return []
+        return faults.looks_wrong(self.heights)
 
     @property
     def wrong_scale(self) -> list[str]:
@@ -217,7 +219,9 @@ class Topography:
             ValueError: for another method, and if points are missing for "spectral".
         """
         require_one_of("method", method, ("spectral", "area"))
-        numbers: Any = shape if np.ndim(shape) else (shape,) * len(self.grid.shape)
+        numbers: Any = shape
+        if np.ndim(shape) == 0:
+            numbers = (shape,) * len(self.grid.shape)
         if len(numbers) != len(self.grid.shape):
             raise ValueError(f"The shape is {shape}: give {len(self.grid.shape)} numbers.")
         grid = Grid(numbers, self.lengths)
@@ -296,4 +300,6 @@ def as_topography(heights: object, grid: Grid) -> Topography | None:
     if isinstance(heights, Topography):
         return heights
     scan: Any = heights if np.ma.is_masked(heights) else scan_of(heights)
-    return None if scan is None else Topography(grid, scan)
+    if scan is None:
+        return None
+    return Topography(grid, scan)

@@ -12,7 +12,9 @@ def read_arrays(content: bytes, channel: str | None) -> Scan:
     """Return the surface in a file of `numpy.save` or `numpy.savez`, whose arrays are channels."""
     try:
         data = np.load(BytesIO(content), allow_pickle=False)
-        arrays = {"heights": data} if isinstance(data, np.ndarray) else dict(data)
+        if isinstance(data, np.ndarray):
+            data = {"heights": data}
+        arrays = dict(data)
     except Exception as error:
         raise ValueError(
             f"this file of NumPy is damaged, or holds more than plain arrays of numbers ({error})."
@@ -22,5 +24,6 @@ def read_arrays(content: bytes, channel: str | None) -> Scan:
     if not arrays:
         raise ValueError("it has no array of heights: save it as `heights`.")
     name, remarks = chosen_array(arrays, channel)
-    unit = None if unit is None else unit_of(str(unit))
+    if unit is not None:
+        unit = unit_of(str(unit))
     return Scan(on_a_side_or_two(arrays[name]), lengths, unit, remarks)

@@ -46,8 +46,12 @@ def scan_of_topography(
     if len(topography.physical_sizes) != topography.dim:
         raise ValueError("its header says one side of two: write width and height.")
     heights = on_a_side_or_two(topography.heights())
-    lengths = tuple(map(float, topography.physical_sizes)) if says_lengths else None
-    unit = unit_of(topography.unit) if topography.unit else None
+    lengths = None
+    if says_lengths:
+        lengths = tuple(map(float, topography.physical_sizes))
+    unit = None
+    if topography.unit:
+        unit = unit_of(topography.unit)
     return Scan(heights, lengths, unit, remarks, bool(topography.is_periodic))
 
 
@@ -63,8 +67,10 @@ def _scan_of(reader: Any, channel: str | None) -> Scan:
     name, remarks = chosen(channels, channel, next(iter(channels)))
     one = channels[name]
     says_lengths = one.physical_sizes is not None
-    # A reader needs sizes if the file states none.
-    sizes = {} if says_lengths else {"physical_sizes": one.nb_grid_pts}
+    sizes = {}
+    if not says_lengths:
+        # A reader needs some.
+        sizes = {"physical_sizes": one.nb_grid_pts}
     return scan_of_topography(_asked(one.topography, **sizes), remarks, says_lengths)
 
 
@@ -74,6 +80,8 @@ def _asked(function: Callable[..., Any], *arguments: Any, **options: Any) -> Any
         with np.errstate(all="ignore"):
             return function(*arguments, **options)
     except Exception as error:
-        # Of a file that none reads it lists the errors of all readers.
-        is_unknown = type(error).__name__ == "CannotDetectFileFormat"
-        raise ValueError(_UNKNOWN if is_unknown else f"SurfaceTopography: {error}") from None
+        message = f"SurfaceTopography: {error}"
+        if type(error).__name__ == "CannotDetectFileFormat":
+            # It lists the errors of all readers.
+            message = _UNKNOWN
+        raise ValueError(message) from None

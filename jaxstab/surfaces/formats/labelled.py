@@ -42,7 +42,9 @@ def scan_of_dataset(data: "xarray.Dataset", channel: str | None = None) -> Scan:
         found = ", ".join(f"{name}{tuple(v.dims)}" for name, v in data.items()) or "no variable"
         raise UnknownContent(f"it has no variable over the dimensions x and y, but {found}.")
     name, remarks = chosen_array(names, channel)
-    heights = data[name].where(data["mask"] == 0) if "mask" in data else data[name]
+    heights = data[name]
+    if "mask" in data:
+        heights = heights.where(data["mask"] == 0)
     if name == "heights" and "datum" in data:
         # Files of results hold heights relative to the datum.
         heights = heights.copy(data=heights.values.astype(float) + float(data["datum"]))
@@ -65,8 +67,10 @@ def scan_of_array(array: "xarray.DataArray", remarks: tuple[str, ...] = ()) -> S
     heights = on_a_side_or_two(array.transpose(*sides).values)
     lengths = []
     units = set()
-    coordinates = [array[side] for side in sides if side in array.coords]
-    for axis, places in enumerate(coordinates if len(coordinates) == len(sides) else ()):
+    coordinates = []
+    if all(side in array.coords for side in sides):
+        coordinates = [array[side] for side in sides]
+    for axis, places in enumerate(coordinates):
         side = on_lattice(np.asarray(places.values, float))
         if side is None or np.unique(side[0]).size != places.size:
             raise ValueError(f"its coordinates {places.name} are not evenly spaced.")
@@ -92,12 +96,15 @@ def scan_of_table(table: Any) -> Scan | None:
 
     A series that only counts its points is a plain array: None.
     """
-    axes = [table.index] if table.ndim == 1 else [table.index, table.columns]
+    axes = [table.index]
+    cure = 'rename_axis("x")'
+    if table.ndim == 2:
+        axes.append(table.columns)
+        cure = 'table.rename_axis(index="y", columns="x")'
     names = [axis.name for axis in axes]
     if names == [None] and are_pixels(np.asarray(table.index)):
         return None
     if set(names) not in ({"x", "y"}, {"x"}):
-        cure = 'table.rename_axis(index="y", columns="x")' if len(axes) > 1 else 'rename_axis("x")'
         raise ValueError(
             f"its labels are {', '.join(map(repr, names))}: say which are x and y, as in {cure}, "
             "or give `.to_numpy()`, whose first axis is x."
@@ -110,10 +117,14 @@ def scan_of_table(table: Any) -> Scan | None:
 
 def _sides(array: "xarray.DataArray") -> list[str]:
     """Return the dimensions x and y or x, in this order; none for an array of other dimensions."""
-    return sorted(map(str, array.dims)) if set(array.dims) in ({"x", "y"}, {"x"}) else []
+    if set(array.dims) not in ({"x", "y"}, {"x"}):
+        return []
+    return sorted(map(str, array.dims))
 
 
 def _unit(array: "xarray.DataArray") -> str | None:
     unit = array.attrs.get("units", array.attrs.get("unit"))
     # The files of results name the dimension of a length that has no unit.
-    return unit_of(str(unit)) if unit and unit != "length" else None
+    if not unit or unit == "length":
+        return None
+    return unit_of(str(unit))

@@ -42,11 +42,16 @@ def chosen(names: Iterable[str], channel: str | None, default: str) -> tuple[str
     """Return the name of the channel to read, and a remark where there are several."""
     names = list(names)
     listed = ", ".join(map(repr, names))
-    if channel is not None and channel not in names:
+    if channel is None:
+        channel = default
+        remark = f"channel {channel!r} of {listed}, chosen by default: give another as `channel=`"
+    else:
+        remark = f"channel {channel!r} of {listed}"
+    if channel not in names:
         raise ValueError(f"it has no channel {channel!r} of heights: choose from {listed}.")
-    name = default if channel is None else channel
-    hint = ", chosen by default: give another as `channel=`" if channel is None else ""
-    return name, (f"channel {name!r} of {listed}{hint}",) if len(names) > 1 else ()
+    if len(names) == 1:
+        return channel, ()
+    return channel, (remark,)
 
 
 def chosen_array(names: Iterable[str], channel: str | None) -> tuple[str, tuple[str, ...]]:
@@ -92,5 +97,6 @@ def on_lattice(values: np.ndarray) -> tuple[np.ndarray, int, float] | None:
     steps = int(np.rint(gaps / gaps.min()).sum())
     places = (values - values.min()) / extent * steps
     nearest = np.rint(places).astype(int)
-    is_on = steps < values.size and np.abs(places - nearest).max() <= _OFF_LATTICE
-    return (nearest, steps + 1, float(extent / steps)) if is_on else None
+    if steps >= values.size or np.abs(places - nearest).max() > _OFF_LATTICE:
+        return None
+    return nearest, steps + 1, float(extent / steps)
