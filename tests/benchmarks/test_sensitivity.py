@@ -1,0 +1,75 @@
+"""The table of tuning constants: which there are, how they are scaled, and how results compare."""
+
+import subprocess
+import sys
+from importlib.util import module_from_spec, spec_from_file_location
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+FILE = Path(__file__).parents[2] / "benchmarks" / "sensitivity.py"
+
+
+@pytest.fixture(scope="module")
+def sensitivity():
+    spec = spec_from_file_location("sensitivity", FILE)
+    assert spec is not None and spec.loader is not None
+    module = module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def test_constants_are_the_positive_numbers_that_a_module_names(sensitivity):
+    found = {(each.module, each.name) for each in sensitivity.constants_of("transitions")}
+    assert ("jaxstab.transitions.saddle", "_APART") in found
+    # Labels, zero or below, are no sizes.
+    assert ("jaxstab.transitions.branch_pass", "_DETACHED") not in found
+    assert ("jaxstab.transitions.branch_pass", "_UNKNOWN") not in found
+    for room in sensitivity.ROOMS:
+        assert (sensitivity.PACKAGE / room).is_dir(), room
+
+
+@pytest.mark.parametrize(
+    ("value", "half"),
+    [
+        (3.0, 1.5),
+        (5, 2),
+        (1, 1),
+        ({"float64": 1e-3, "float32": 1e-2}, {"float64": 5e-4, "float32": 5e-3}),
+        ((0.1, 4), (0.05, 2)),
+        ("field", "field"),
+    ],
+)
+def test_numbers_and_tables_are_halved_and_nothing_else(sensitivity, value, half):
+    assert sensitivity.scaled(0.5, value) == half
+
+
+def test_a_constant_is_scaled_where_it_is_defined_and_where_it_is_imported():
+    code = (
+        f"import sys; sys.path.insert(0, {str(FILE.parent)!r})\n"
+        "from sensitivity import Scaling\n"
+        "sys.meta_path.insert(0, Scaling('jaxstab.evolution.legs', 'RTOL', 2.0))\n"
+        "import jaxstab.evolution\n"
+        "lifetime = sys.modules['jaxstab.evolution.lifetime']\n"
+        "legs = sys.modules['jaxstab.evolution.legs']\n"
+        "print(legs.RTOL['float64'], lifetime.RTOL['float64'], legs._CAUTION)\n"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    from jaxstab.evolution import legs
+
+    doubled = 2 * legs.RTOL["float64"]
+    assert done.stdout.split() == [str(doubled), str(doubled), str(legs._CAUTION)]
+
+
+def test_a_change_is_relative_to_its_array_and_another_number_of_results_is_another(sensitivity):
+    def outcomes(*arrays):
+        return {"outcomes": {"paths": [[[*map(list, arrays)], 3, False]]}}
+
+    base = outcomes([1.0, 200.0], [1e-6, np.nan])
+    change = sensitivity.change_of
+    assert change(base, outcomes([1.0, 200.0], [1e-6, np.nan]), "paths") == 0
+    assert change(base, outcomes([1.0, 202.0], [1e-6, np.nan]), "paths") == pytest.approx(0.01)
+    assert change(base, outcomes([1.0, 200.0], [2e-6, np.nan]), "paths") == pytest.approx(1)
+    assert change(base, outcomes([1.0, 200.0], [1e-6, 1.0]), "paths") == np.inf
+    assert change(base, outcomes([1.0], [1e-6, np.nan]), "paths") == np.inf
