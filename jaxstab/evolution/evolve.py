@@ -125,6 +125,7 @@ def evolve(
     is_alone = not is_transformed((inputs, tolerance))
     fixed: Any = jax.lax.stop_gradient((inputs, tolerance))
     (padded, held, known_times, start), fixed_tolerance = fixed
+    # Leg by leg it is one program, whatever the evolution keeps.
     stepping = TimeStepping(padded, held[0], fixed_tolerance, fields or is_alone)
     legs = legs_between(concrete(known_times), concrete(held.value))
     steps: Steps = start, no_increments(room, instants.dtype)
