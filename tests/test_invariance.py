@@ -1,0 +1,312 @@
+"""What must not change with the units, the place and the order in which a problem is given.
+
+Hypothesis chooses the surfaces and the changes. All are of one shape, and compiled once.
+"""
+
+from dataclasses import dataclass
+
+import jax.numpy as jnp
+import numpy as np
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import jaxstab as js
+
+N = 6
+# The sides of a cell, and an area.
+SIDES = np.array([1.0, 1.5])
+seeds = st.integers(0, 2**32)
+scales = st.floats(-6, 6).map(lambda power: 10.0**power)
+many = settings(max_examples=8)
+few = settings(max_examples=3)
+
+
+@dataclass(frozen=True)
+class Change:
+    """Another way to give a problem: in other units, moved over the cell, and at another height.
+
+    `length`, `pressure` and `time` are the old units in the new ones, and `datum` is the height of
+    the origin.
+    """
+
+    length: float = 1.0
+    pressure: float = 1.0
+    time: float = 1.0
+    datum: float = 0.0
+    shift: tuple[int, int] = (0, 0)
+    flips: tuple[bool, bool] = (False, False)
+    transposes: bool = False
+
+    @property
+    def work(self):
+        """The old unit of energies per area."""
+        return self.pressure * self.length
+
+    @property
+    def energy(self):
+        return self.pressure * self.length**3
+
+    def moved(self, field):
+        field = np.roll(field, self.shift, (0, 1))
+        field = np.flip(field, [axis for axis in (0, 1) if self.flips[axis]])
+        return field.T if self.transposes else field
+
+    def height(self, value):
+        return self.length * (value + self.datum)
+
+    def displacement(self, values):
+        return js.MeanDisplacement(self.height(jnp.asarray(values)))
+
+    def contact(self, surface, strength=1.0, is_viscoelastic=False):
+        sides = SIDES[::-1] if self.transposes else SIDES
+        solid = js.HalfSpace(js.Grid((N, N), self.length * sides), self.pressure)
+        if is_viscoelastic:
+            solid = js.Viscoelastic(solid, (1.0, 2.0), (0.3 * self.time, 2.0 * self.time))
+        law = js.potentials.Exponential(0.05 * strength * self.work, 0.1 * self.length)
+        return js.Contact(solid, self.height(self.moved(surface)), law)
+
+
+AS_GIVEN = Change()
+changes = st.builds(
+    Change,
+    length=scales,
+    pressure=scales,
+    time=scales,
+    datum=st.floats(-10, 10),
+    shift=st.tuples(st.integers(0, N - 1), st.integers(0, N - 1)),
+    flips=st.tuples(st.booleans(), st.booleans()),
+    transposes=st.booleans(),
+)
+
+
+def rough(seed):
+    """Return heights over which the law of `Change.contact` jumps, of a tenth of its strength not."""
+    heights = 0.05 * np.random.default_rng(seed).normal(size=(N, N))
+    return heights - heights.mean()
+
+
+surfaces = seeds.map(rough)
+
+
+def assert_same(found, expected, rtol=1e-6):
+    """Compare numbers with each other, relative to the largest of each kind."""
+    for name, value in expected.items():
+        atol = rtol * np.max(np.abs(value), initial=0)
+        np.testing.assert_allclose(found[name], value, rtol=0, atol=atol, err_msg=name)
+
+
+def equilibrium(surface, change):
+    load = change.displacement(0.05)
+    solver = js.PreconditionedConjugateGradient(1e-12)
+    state = js.equilibrate(change.contact(surface), load, solver)
+    return {
+        "pressure": state.mean_pressure / change.pressure,
+        "area": state.contact_area,
+        "energy": state.energy / change.energy,
+        # Sorted, they are the same in every place.
+        "gaps": np.sort(state.gap, axis=None) / change.length,
+        "reactions": np.sort(state.reaction, axis=None) / change.pressure,
+    }
+
+
+def verdict(surface, change):
+    contact = change.contact(surface)
+    state = js.equilibrate(contact, js.MeanPressure(0.02 * change.pressure))
+    found = js.assess_stability(contact, state)
+    eigenvalues = np.array([pair.eigenvalue for pair in found.pairs.values()])
+    return {
+        "verdict": found.verdict.code,
+        "eigenvalues": eigenvalues * change.length / change.pressure,
+        "complementarity": found.complementarity,
+    }
+
+
+def branch(surface, change):
+    found = js.continuation(change.contact(surface), change.displacement([0.5, 0.05]))
+    turns = found.turns
+    return {
+        "kinds": turns.kind.code,
+        "loads": turns.load.value / change.length - change.datum,
+        "pressures": turns.equilibrium.mean_pressure / change.pressure,
+        "end": found.end.code,
+    }
+
+
+def evolution(surface, change):
+    contact = change.contact(surface, is_viscoelastic=True)
+    load = change.displacement([0.3, 0.05, 0.05, 0.4])
+    found = js.evolve(contact, load, change.time * np.array([0.0, 1.0, 2.0, 2.5]))
+    return {
+        "pressures": found.mean_pressure / change.pressure,
+        "dissipated": found.dissipated / change.energy,
+        "losses": found.dissipation / change.energy,
+        "times": found.jump_times / change.time,
+    }
+
+
+def fit(surface, change):
+    values = np.linspace(0.1, 0.4, 8)
+    load = change.displacement(values)
+    truth = js.sweep(change.contact(surface, 0.2), load, order="continuation", stability=False)
+    noise = 1e-3 * change.pressure * np.cos(100 * values)
+    measured = truth.equilibrium.mean_pressure + noise
+    found = js.calibrate(change.contact(surface, 0.3), load, measured, starts=1)
+    law, modulus = found.parameters
+    errors, _ = found.standard_errors
+    return {
+        "work": law.surface_energy / change.work,
+        "range": law.length / change.length,
+        "modulus": modulus / change.pressure,
+        "error": errors.surface_energy / change.work,
+    }
+
+
+@many
+@given(surfaces, changes)
+def test_an_equilibrium_is_the_same_however_it_is_given(surface, change):
+    assert_same(equilibrium(surface, change), equilibrium(surface, AS_GIVEN))
+
+
+@many
+@given(surfaces, changes)
+def test_a_verdict_is_the_same_however_its_state_is_given(surface, change):
+    assert_same(verdict(surface, change), verdict(surface, AS_GIVEN))
+
+
+@few
+@given(surfaces, changes)
+def test_a_branch_is_the_same_however_it_is_given(surface, change):
+    assert_same(branch(surface, change), branch(surface, AS_GIVEN))
+
+
+@many
+@given(surfaces, changes)
+def test_an_evolution_is_the_same_however_it_is_given(surface, change):
+    assert_same(evolution(surface, change), evolution(surface, AS_GIVEN), rtol=1e-5)
+
+
+@few
+@given(surfaces, changes)
+def test_a_fit_is_the_same_however_it_is_given(surface, change):
+    assert_same(fit(surface, change), fit(surface, AS_GIVEN), rtol=1e-4)
+
+
+# The loads of jumps are located to this, a part of the range of the load.
+RESOLUTION = 1e-6
+# Between these jumps are well apart, and of any size.
+LEAST = 1e-5
+
+
+def path(surface, change, turns, initial=None):
+    contact = change.contact(surface)
+    return js.follow(contact, change.displacement(turns), initial=initial, smallest_jump=LEAST)
+
+
+def assert_same_jumps(paths, change, expected, span):
+    """Compare the jumps of a path, given in pieces, with those of another one."""
+
+    def joined(of):
+        return np.concatenate([of(each.jumps) for each in paths])
+
+    jumps = expected.jumps
+    assert joined(lambda found: found.kind.code).tolist() == jumps.kind.code.tolist()
+    loads = joined(lambda found: found.load.value) / change.length - change.datum
+    np.testing.assert_allclose(loads, jumps.load.value, rtol=0, atol=RESOLUTION * span)
+    # As a load is shifted, a loss changes by the difference of the forces.
+    forces = jumps.after.force - jumps.before.force
+    losses = joined(lambda found: found.dissipation) / change.energy
+    error = np.abs(losses - jumps.dissipation)
+    assert np.all(error <= RESOLUTION * span * np.abs(forces) + 1e-9 * np.abs(losses))
+    last = paths[-1].equilibrium.mean_pressure[-1] / change.pressure
+    np.testing.assert_allclose(last, expected.equilibrium.mean_pressure[-1], rtol=1e-6)
+
+
+@few
+@given(surfaces, changes)
+def test_a_path_is_the_same_however_it_is_given(surface, change):
+    turns = np.array([0.5, 0.05, 0.3])
+    found = path(surface, change, turns)
+    assert_same_jumps([found], change, path(surface, AS_GIVEN, turns), 0.45)
+
+
+@few
+@given(surfaces, st.floats(0.1, 0.4))
+def test_a_path_in_two_pieces_has_the_jumps_of_the_whole(surface, middle):
+    first = path(surface, AS_GIVEN, [0.5, middle])
+    rest = path(surface, AS_GIVEN, [middle, 0.05], first[-1])
+    assert_same_jumps([first, rest], AS_GIVEN, path(surface, AS_GIVEN, [0.5, 0.05]), 0.45)
+
+
+@few
+@given(surfaces, st.floats(0.1, 0.9))
+def test_a_branch_goes_on_from_any_state_before_its_first_turn(surface, part):
+    contact = AS_GIVEN.contact(surface)
+    whole = js.continuation(contact, AS_GIVEN.displacement([0.5, 0.05]), fields=True)
+    before = len(whole) if len(whole.turns) == 0 else int(whole.turns.state[0])
+    start = whole[int(part * (before - 1))]
+    loads = js.MeanDisplacement(jnp.stack([start.load.value, jnp.asarray(0.05)]))
+    rest = js.continuation(contact, loads, initial=start)
+    assert rest.turns.kind.code.tolist() == whole.turns.kind.code.tolist()
+    np.testing.assert_allclose(rest.turns.load.value, whole.turns.load.value, atol=1e-9)
+
+
+@many
+@given(surfaces, st.permutations(range(5)))
+def test_the_states_of_a_sweep_do_not_depend_on_their_order(surface, order):
+    contact = AS_GIVEN.contact(surface)
+    values = np.linspace(0.05, 0.3, 5)
+    sweep, other = (
+        js.sweep(contact, AS_GIVEN.displacement(values[list(places)]), order="independent")
+        for places in (range(5), order)
+    )
+    for each in (lambda s: s.equilibrium.gap, lambda s: s.stability.cone.eigenvalue):
+        np.testing.assert_allclose(each(other), np.asarray(each(sweep))[list(order)], rtol=1e-9)
+
+
+@few
+@given(surfaces, st.permutations(range(8)))
+def test_a_fit_of_loads_without_hysteresis_does_not_depend_on_their_order(surface, order):
+    contact = AS_GIVEN.contact(surface, 0.1)
+    values = np.linspace(0.1, 0.4, 8)
+    load = AS_GIVEN.displacement(values)
+    measured = js.sweep(contact, load, order="independent", stability=False)
+    noisy = np.asarray(measured.equilibrium.mean_pressure) + 1e-4 * np.cos(100 * values)
+    guess = AS_GIVEN.contact(surface, 0.15)
+    one, other = (
+        js.calibrate(
+            guess,
+            AS_GIVEN.displacement(values[list(places)]),
+            noisy[list(places)],
+            order="independent",
+            starts=1,
+        )
+        for places in (range(8), order)
+    )
+    for name in ("parameters", "standard_errors"):
+        law, modulus = getattr(one, name)
+        same, same_modulus = getattr(other, name)
+        found = [same.surface_energy, same.length, same_modulus]
+        np.testing.assert_allclose(found, [law.surface_energy, law.length, modulus], rtol=1e-4)
+
+
+def tiled(surface):
+    """Return a surface of weak adhesion once, and twice on each side."""
+    law = js.potentials.Exponential(0.005, 0.1)
+    for number in (1, 2):
+        grid = js.Grid((number * N, number * N), number * SIDES)
+        yield js.Contact(js.HalfSpace(grid, 1.0), np.tile(surface, (number, number)), law)
+
+
+@many
+@given(surfaces)
+def test_a_repeated_surface_has_a_repeated_equilibrium_and_no_higher_eigenvalues(surface):
+    found = []
+    for contact in tiled(surface):
+        state = js.equilibrate(contact, js.MeanGap(0.05), js.PreconditionedConjugateGradient(1e-12))
+        found.append((state, js.assess_stability(contact, state)))
+    (one, of_one), (four, of_four) = found
+    np.testing.assert_allclose(four.mean_pressure, one.mean_pressure, rtol=1e-8)
+    np.testing.assert_allclose(four.gap, np.tile(one.gap, (2, 2)), atol=1e-9)
+    np.testing.assert_allclose(four.energy, 4 * one.energy, rtol=1e-8)
+    for name, pair in of_four.pairs.items():
+        assert pair.eigenvalue <= of_one.pairs[name].eigenvalue + 1e-7
