@@ -13,7 +13,6 @@ from hypothesis import strategies as st
 import jaxstab as js
 
 N = 6
-# The sides of a cell, and an area.
 SIDES = np.array([1.0, 1.5])
 seeds = st.integers(0, 2**32)
 scales = st.floats(-6, 6).map(lambda power: 10.0**power)
@@ -114,7 +113,10 @@ def verdict(surface, change):
     state = js.equilibrate(contact, js.MeanPressure(0.02 * change.pressure))
     found = js.assess_stability(contact, state)
     eigenvalues = np.array([pair.eigenvalue for pair in found.pairs.values()])
+    # Far beyond the strength of the law.
+    apart = js.equilibrate(contact, js.MeanPressure(-10 * change.pressure), throw=False)
     return {
+        "apart": apart.result.code,
         "verdict": found.verdict.code,
         "eigenvalues": eigenvalues * change.length / change.pressure,
         "complementarity": found.complementarity,
@@ -122,7 +124,7 @@ def verdict(surface, change):
 
 
 def branch(surface, change):
-    found = js.continuation(change.contact(surface), change.displacement([0.5, 0.05]))
+    found = js.continuation(change.contact(surface), change.displacement([0.4, 0.1]))
     turns = found.turns
     return {
         "kinds": turns.kind.code,
@@ -205,30 +207,40 @@ def test_a_fit_is_the_same_however_it_is_given(surface, change):
 
 # The loads of jumps are located to this, a part of the range of the load.
 RESOLUTION = 1e-6
-# Between these jumps are well apart, and of any size.
-LEAST = 1e-5
 
 
 def path(surface, change, turns, initial=None):
     contact = change.contact(surface)
-    return js.follow(contact, change.displacement(turns), initial=initial, smallest_jump=LEAST)
+    return js.follow(contact, change.displacement(turns), initial=initial, smallest_jump=1e-6)
 
 
-def assert_same_jumps(paths, change, expected, span):
+def jumps_of(paths, change, least):
+    """Return load, kind, loss and difference of force of the jumps with more than the least loss.
+
+    One with a smaller loss may be passed over.
+    """
+    columns = []
+    for jumps in (each.jumps for each in paths):
+        load = jumps.load.value / change.length - change.datum
+        force = jumps.after.force - jumps.before.force
+        columns.append([load, jumps.kind.code, jumps.dissipation, force])
+    load, kind, loss, force = np.concatenate(columns, axis=1)
+    counts = loss > least * change.energy
+    scales = change.energy, change.pressure * change.length**2
+    return load[counts], kind[counts], loss[counts] / scales[0], force[counts] / scales[1]
+
+
+def assert_same_jumps(paths, change, expected):
     """Compare the jumps of a path, given in pieces, with those of another one."""
-
-    def joined(of):
-        return np.concatenate([of(each.jumps) for each in paths])
-
-    jumps = expected.jumps
-    assert joined(lambda found: found.kind.code).tolist() == jumps.kind.code.tolist()
-    loads = joined(lambda found: found.load.value) / change.length - change.datum
-    np.testing.assert_allclose(loads, jumps.load.value, rtol=0, atol=RESOLUTION * span)
-    # As a load is shifted, a loss changes by the difference of the forces.
-    forces = jumps.after.force - jumps.before.force
-    losses = joined(lambda found: found.dissipation) / change.energy
-    error = np.abs(losses - jumps.dissipation)
-    assert np.all(error <= RESOLUTION * span * np.abs(forces) + 1e-9 * np.abs(losses))
+    errors = [float(each.unlocated_error) / change.energy for each in paths]
+    least = max(*errors, float(expected.unlocated_error))
+    load, kind, loss, force = jumps_of([expected], AS_GIVEN, least)
+    found_load, found_kind, found_loss, _ = jumps_of(paths, change, least)
+    assert found_kind.tolist() == kind.tolist()
+    resolution = RESOLUTION * np.ptp(expected.load.value)
+    np.testing.assert_allclose(found_load, load, rtol=0, atol=resolution)
+    # As the load of a jump is shifted, its loss changes by the difference of the forces.
+    assert np.all(np.abs(found_loss - loss) <= resolution * np.abs(force) + 1e-9 * loss)
     last = paths[-1].equilibrium.mean_pressure[-1] / change.pressure
     np.testing.assert_allclose(last, expected.equilibrium.mean_pressure[-1], rtol=1e-6)
 
@@ -236,27 +248,27 @@ def assert_same_jumps(paths, change, expected, span):
 @few
 @given(surfaces, changes)
 def test_a_path_is_the_same_however_it_is_given(surface, change):
-    turns = np.array([0.5, 0.05, 0.3])
+    turns = np.array([0.4, 0.1, 0.3])
     found = path(surface, change, turns)
-    assert_same_jumps([found], change, path(surface, AS_GIVEN, turns), 0.45)
+    assert_same_jumps([found], change, path(surface, AS_GIVEN, turns))
 
 
 @few
-@given(surfaces, st.floats(0.1, 0.4))
+@given(surfaces, st.floats(0.15, 0.35))
 def test_a_path_in_two_pieces_has_the_jumps_of_the_whole(surface, middle):
-    first = path(surface, AS_GIVEN, [0.5, middle])
-    rest = path(surface, AS_GIVEN, [middle, 0.05], first[-1])
-    assert_same_jumps([first, rest], AS_GIVEN, path(surface, AS_GIVEN, [0.5, 0.05]), 0.45)
+    first = path(surface, AS_GIVEN, [0.4, middle])
+    rest = path(surface, AS_GIVEN, [middle, 0.1], first[-1])
+    assert_same_jumps([first, rest], AS_GIVEN, path(surface, AS_GIVEN, [0.4, 0.1]))
 
 
 @few
 @given(surfaces, st.floats(0.1, 0.9))
 def test_a_branch_goes_on_from_any_state_before_its_first_turn(surface, part):
     contact = AS_GIVEN.contact(surface)
-    whole = js.continuation(contact, AS_GIVEN.displacement([0.5, 0.05]), fields=True)
+    whole = js.continuation(contact, AS_GIVEN.displacement([0.4, 0.1]), fields=True)
     before = len(whole) if len(whole.turns) == 0 else int(whole.turns.state[0])
     start = whole[int(part * (before - 1))]
-    loads = js.MeanDisplacement(jnp.stack([start.load.value, jnp.asarray(0.05)]))
+    loads = js.MeanDisplacement(jnp.stack([start.load.value, jnp.asarray(0.1)]))
     rest = js.continuation(contact, loads, initial=start)
     assert rest.turns.kind.code.tolist() == whole.turns.kind.code.tolist()
     np.testing.assert_allclose(rest.turns.load.value, whole.turns.load.value, atol=1e-9)

@@ -49,6 +49,18 @@ def test_it_presses_with_its_stretch_and_is_part_of_the_hessian(contact, stiffne
     np.testing.assert_allclose(found, exact, atol=1e-8)
 
 
+def test_traced_springs_that_are_none_have_no_equilibrium(contact):
+    @jax.jit
+    def found(position, stiffness):
+        state = js.equilibrate(contact, js.Spring(position, stiffness), throw=False)
+        return state.result, state.mean_pressure
+
+    assert found(0.1, 1.0)[0] == "successful"
+    for position, stiffness in ((0.1, 0.0), (0.1, -1.0), (jnp.nan, 1.0), (0.1, jnp.inf)):
+        result, pressure = found(position, stiffness)
+        assert result == "infeasible_load" and jnp.isnan(pressure)
+
+
 @pytest.mark.nightly
 def test_a_stiff_spring_holds_the_displacement_and_a_soft_one_the_pressure(contact):
     def outcome(load):

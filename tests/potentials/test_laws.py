@@ -54,6 +54,16 @@ def test_lennard_jones_matches_its_formula_and_is_least_where_it_says():
     assert law(0.0) == np.inf
 
 
+@pytest.mark.parametrize("strength", [1e-9, 1e9])
+@pytest.mark.parametrize("law", [*CLOSED_FORMS, js.potentials.Dugdale, js.potentials.LennardJones])
+def test_the_range_and_the_core_of_a_law_do_not_depend_on_its_strength(law, strength):
+    one = flat_contact(law(1.0, 0.1)).profile
+    other = flat_contact(law(strength, 0.1)).profile
+    np.testing.assert_allclose(other.range, one.range, rtol=1e-9)
+    np.testing.assert_allclose(other.max_attraction, strength * one.max_attraction, rtol=1e-9)
+    assert other.has_core == one.has_core == (law is js.potentials.LennardJones)
+
+
 # Hamaker constants [J] and surface energies [J/m^2] of the table of Israelachvili (2011), chapter
 # 13: octane, polystyrene, PTFE. The work of adhesion of a solid is twice its surface energy.
 @pytest.mark.parametrize(

@@ -22,6 +22,16 @@ def test_a_wave_is_as_stiff_as_westergaard_says(grid):
     np.testing.assert_allclose(solid.energy(wave), energy)
 
 
+def test_a_traced_poisson_ratio_that_no_solid_has_gives_no_number():
+    grid = GRIDS[0]
+    stiffest = jax.jit(lambda ratio: js.HalfSpace(grid, 3.0, ratio).max_stiffness)
+    softest = np.pi / 2 * 6
+    for ratio in (-0.99, -0.3, 0.0, 0.5):
+        np.testing.assert_allclose(stiffest(ratio), 3 / (1 - ratio**2) * softest)
+    for ratio in (-1.5, -1.0, 0.51, 0.9):
+        assert np.isnan(stiffest(ratio))
+
+
 @pytest.mark.parametrize("grid", GRIDS)
 def test_displacement_undoes_pressure_but_for_the_mean(grid):
     solid = js.HalfSpace(grid, 2.0, 0.3)

@@ -1,6 +1,7 @@
 """The eigensolvers on problems whose answers are known from elsewhere."""
 
 from functools import partial
+from typing import ClassVar
 
 import jax
 import jax.numpy as jnp
@@ -63,6 +64,50 @@ def smallest_damage_modes(operator):
     starts = jnp.concatenate([modes[:2], -modes[:2], random])
     found = js.ProjectedLOBPCG(1e-9).solve(operator, cone, starts)
     return free, measured(operator, cone, found, found.vector)
+
+
+class Counted(Dense):
+    """Such a matrix, which counts how often it and the inverse are applied."""
+
+    applications: ClassVar = []
+
+    def __call__(self, field):
+        jax.debug.callback(lambda: self.applications.append("A"))
+        return super().__call__(field)
+
+    def preconditioner(self, mode, eigenvalue):
+        apply = super().preconditioner(mode, eigenvalue)
+
+        def counted(field):
+            jax.debug.callback(lambda: self.applications.append("inverse"))
+            return apply(field)
+
+        return counted
+
+
+@pytest.mark.parametrize(
+    ("solver", "domain"),
+    [
+        (js.Davidson(1e-9), Subspace),
+        (js.ProjectedLOBPCG(1e-9), AdmissibleCone),
+        (js.ProximalIteration(1e-5), AdmissibleCone),
+    ],
+)
+def test_each_application_of_the_operator_is_counted(solver, domain):
+    dense = damage_operator(20, 0.01, 4.0)
+    operator = Counted(dense.matrix, dense.inverse)
+    space = domain(jnp.ones(20, bool), fixes_mean=False)
+
+    @jax.jit
+    def number(starts):
+        found = solver.solve(operator, space, starts)
+        vector = found.vector[0] if domain is Subspace else found.vector
+        return measured(operator, space, found, vector).num_applications
+
+    Counted.applications.clear()
+    found = number(jax.random.normal(jax.random.key(0), (4, 20)))
+    jax.effects_barrier()
+    assert found == len(Counted.applications)
 
 
 @pytest.mark.parametrize(("a", "bc2"), [(0.01, 4.0), (0.002, 1.0), (1.0, 2.0), (0.5, 0.1)])
