@@ -6,8 +6,9 @@ use it most, the quick files first, up to the first failure. A test that takes t
 one that fails. A change that all tests pass has survived: either it changes no answer, or a test is
 missing.
 
-Nothing is changed in messages, annotations, decorators and constants that bound or tune a search,
-which may change without a change of an answer.
+Messages, annotations, decorators and the named constants of a module or a class that bound or tune
+a search stay as they are: they may change without a change of an answer. The order of the draw
+depends on the code, so that the same seed draws other changes once the code has changed.
 
     python benchmarks/mutants.py --sample 200
 """
@@ -69,7 +70,7 @@ COMPARISONS = {
 TUNING = ("max_", "tolerance", "num_steps")
 # Functions whose arguments are messages, kinds of a value or options of Python's own.
 UNCHANGED_CALLS = ("warn", "isinstance", "zip", "field", "ClassVar", "ContextVar")
-# Seconds that a test may take, and a file of tests beyond what it takes unchanged.
+# Seconds that a test may take.
 LONGEST_TEST = 120
 COLUMNS = ("file", "line", "change", "noticed by", "s")
 

@@ -117,6 +117,7 @@ def verdict(surface, change):
     apart = js.equilibrate(contact, js.MeanPressure(-10 * change.pressure), throw=False)
     return {
         "apart": apart.result.code,
+        "gap apart": jnp.mean(apart.gap) / change.length,
         "verdict": found.verdict.code,
         "eigenvalues": eigenvalues * change.length / change.pressure,
         "complementarity": found.complementarity,

@@ -135,6 +135,12 @@ def test_what_is_blocked_is_exactly_tight():
     assert not leaking(np.zeros((4, 4))).permeability.any()
 
 
+def test_cells_that_meet_at_corners_alone_leak_nothing():
+    found = leaking(0.3 * np.eye(6))
+    np.testing.assert_array_equal(found.permeability, np.zeros((2, 2)))
+    np.testing.assert_array_equal(found.flux, 0)
+
+
 def test_a_diagonal_channel_leaks_along_itself():
     gap = np.eye(6) + np.roll(np.eye(6), 1, axis=1)
     found = leaking(gap)

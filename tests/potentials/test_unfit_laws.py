@@ -62,6 +62,11 @@ def test_a_core_is_seen_in_any_units_compiled_or_not(law, has_core, dtype):
             r"piecewise linear.*from 0 to 1\. Give a smooth fit",
         ),
         (lambda gap: jnp.interp(gap, jnp.arange(3.0), jnp.array([-3.0, -1.0, 0.0])), "piecewise"),
+        (
+            # Not a number at zero gap alone.
+            lambda gap: jnp.where(gap > 0, gap * jnp.log(gap), 0.0),
+            r"slope value at zero gap is nan.*branches of jnp.where",
+        ),
         (lambda gap: -jnp.exp(-jnp.maximum(gap, 0)), "slope is 0.5 at zero gap and 1 right above"),
         (lambda gap: -jnp.exp(-jax.nn.relu(gap)), "slope is 0 at zero gap and 1 right above"),
     ],
