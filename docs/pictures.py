@@ -1,7 +1,8 @@
 """The pictures of README and documentation: `python docs/pictures.py`, from the repository's root.
 
 `first` draws the picture of the README, `curves` the page on performance, from the tables
-in `benchmarks/results/`, and `films` the three films of the gallery. All are written into
+in `benchmarks/results/`, `films` the three films of the gallery, and `questions` the pages in
+`docs/questions/`, from the numbers of their recipes. All are written into
 `docs/_static/`; without a name all are made.
 """
 
@@ -18,6 +19,7 @@ import numpy as np
 from matplotlib import pyplot as plt
 from matplotlib.animation import PillowWriter
 from matplotlib.figure import Figure
+from question_pictures import DRAWINGS, drawn
 
 import jaxstab as js
 from jaxstab.plots.style import BLACK, BLUE, GREEN, ORANGE, PURPLE, VERMILION
@@ -243,7 +245,19 @@ def film(
     plt.close(figure)
 
 
-PICTURES: dict[str, Callable[[], None]] = {"first": first, "curves": curves, "films": films}
+def questions() -> None:
+    """Draw the pictures of the pages of questions."""
+    (STATIC / "questions").mkdir(exist_ok=True)
+    for page in DRAWINGS:
+        save(drawn(page), f"questions/{page}")
+
+
+PICTURES: dict[str, Callable[[], None]] = {
+    "first": first,
+    "curves": curves,
+    "films": films,
+    "questions": questions,
+}
 
 
 def main() -> None:

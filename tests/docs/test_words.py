@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[2]
-PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
+PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
 BANNED = re.compile(
     r"\bwhat is (done|found|known|said)\b|\bwhat was (done|found|seen)\b"
     r"|(?<!outside )of which nothing\b|\bsuch as is\b|\bwithout a word\b|\bmakes something of\b"
