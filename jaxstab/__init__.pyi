@@ -14,6 +14,7 @@ from .branches.differentiable_limit import CriticalLoad
 from .calibration import Calibration, FitWarning, calibrate
 from .citations import cite
 from .contact import Contact
+from .contact.extrapolation import Extrapolation, extrapolate
 from .contact.resolution import ResolutionWarning, resolved_range
 from .core.grid import Grid
 from .core.history import History
@@ -121,6 +122,7 @@ __all__ = [
     "Equilibrium",
     "EquilibriumSolver",
     "Evolution",
+    "Extrapolation",
     "FarDisplacement",
     "FitWarning",
     "FreeHalfSpace",
@@ -177,6 +179,7 @@ __all__ = [
     "easiest_exit",
     "equilibrate",
     "evolve",
+    "extrapolate",
     "files",
     "follow",
     "force_curves",

@@ -31,7 +31,7 @@ class ResolutionWarning(UserWarning):
 FOR_STATES = 1.0
 FOR_JUMPS = 4.0
 # The error of a pull-off times the square of the resolution, measured on Johnson's wave.
-_PINNING = 0.2
+PINNING = 0.2
 
 
 @contextmanager
@@ -61,7 +61,7 @@ def warn_if_coarse(contact: Contact, needed: float = FOR_STATES) -> None:
     effect = (
         "contact edges may be pinned to the grid, and jumps be artefacts"
         if resolution < FOR_STATES
-        else f"loads of jumps and pull-offs may be off by {100 * _PINNING / resolution**2:.0f} %"
+        else f"loads of jumps and pull-offs may be off by {100 * PINNING / resolution**2:.0f} %"
     )
     message = (
         f"the grid of {times(contact.grid.shape)} points is too coarse for the adhesion: the "

@@ -25,6 +25,7 @@ SLOW = (
     "paper",
     "particles",
     "pillars",
+    "points",
     "scan",
     "speed",
     "sticky",

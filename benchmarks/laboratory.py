@@ -1,0 +1,107 @@
+"""Pull-offs at ranges of adhesion that a grid does not resolve, extrapolated from longer ranges.
+
+A sphere is extrapolated to the limit of Johnson, Kendall and Roberts, and a wave to that of
+Johnson. Rough surfaces are extrapolated to the shortest range that a grid twice as fine resolves as
+well, and compared with the pull-off on that grid.
+"""
+
+import argparse
+import warnings
+from collections.abc import Iterator
+from pathlib import Path
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+import jaxstab as js
+from jaxstab.references import jkr, johnson
+
+RESOLUTION = 8
+HEAD = (
+    "| contact | points | at the shortest range | extrapolated | error | power | off by |\n"
+    "|---|---|---|---|---|---|---|"
+)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--out", type=Path, help="a file for the table as well")
+    parser.add_argument("--quick", action="store_true", help="lines alone")
+    options = parser.parse_args()
+    jax.config.update("jax_enable_x64", True)
+    warnings.simplefilter("ignore", js.ResolutionWarning)
+    lines = ["Pull-offs over those of the closed form or of the finer grid.", "", HEAD]
+    for line in rows(options.quick):
+        lines.append(line)
+        print(line, flush=True)
+    if options.out:
+        options.out.write_text("\n".join(lines) + "\n")
+
+
+def rows(is_quick: bool) -> Iterator[str]:
+    yield wave(256)
+    for seed in range(1, 4):
+        yield rough((128,), seed, 1e-4)
+    if not is_quick:
+        yield sphere(128)
+        for seed in range(3):
+            yield rough((64, 64), seed, 1e-4)
+
+
+def wave(number: int) -> str:
+    wave = 0.01, 1.0, 1.0, 8e-5
+    heights = wave[0] * (np.cos(2 * np.pi * np.arange(number) / number) - 1)
+    solid = js.HalfSpace(js.Grid((number,), (1.0,)), wave[2])
+    contact = js.Contact(solid, jnp.asarray(heights), js.potentials.Gaussian(wave[3], 1.0))
+    expected = float(johnson.pull_off(*wave).mean_pressure)
+    return row("Johnson's wave, to zero", str(number), contact, expected, 0.0)
+
+
+def sphere(number: int) -> str:
+    radius, modulus, work = 1.0, 1.0, 0.002
+    grid = js.Grid(number, (1.0, 1.0))
+    heights = js.surfaces.paraboloid(grid, radius=radius)
+    law = js.potentials.Gaussian(work, 1.0)
+    contact = js.Contact(js.FreeHalfSpace(grid, modulus), heights, law)
+    expected = float(jkr.pull_off(radius, modulus, work).force)
+    return row("sphere, to zero", f"{number}²", contact, expected, 0.0)
+
+
+def rough(shape: tuple[int, ...], seed: int, work: float) -> str:
+    coarse, fine = (rough_contact(tuple(k * n for n in shape), seed, work) for k in (1, 2))
+    shortest = float(js.resolved_range(fine, RESOLUTION))
+    law = js.potentials.Gaussian(work, shortest)
+    expected = pull_off(js.Contact(fine.solid, fine.heights, law))
+    points = f"{shape[0]}²" if len(shape) == 2 else str(shape[0])
+    return row(f"rough {seed}, to a finer grid's range", points, coarse, expected, shortest)
+
+
+def rough_contact(shape: tuple[int, ...], seed: int, work: float) -> js.Contact:
+    grid = js.Grid(shape, (1.0,) * len(shape))
+    heights = js.surfaces.self_affine(grid, jax.random.key(seed), k_high=4, rms_height=0.02)
+    return js.Contact(js.HalfSpace(grid, 1.0), heights, js.potentials.Gaussian(work, 1.0))
+
+
+def pull_off(contact: js.Contact) -> float:
+    return float(js.pull_off(contact).equilibrium.force)
+
+
+def row(name: str, points: str, contact: js.Contact, expected: float, to: float) -> str:
+    try:
+        found = js.extrapolate(pull_off, contact, to=to)
+    except js.SolverError:
+        # The values rise and fall, or tell of no limit.
+        return f"| {name} | {points} | | refused | | | |"
+    first, value, error = (
+        float(x) / expected for x in (found.values[0], found.value, abs(found.error))
+    )
+    off = abs(value - 1)
+    return (
+        f"| {name} | {points} | {first:.4f} | {value:.4f} | {abs(error):.4f} "
+        f"| {float(found.power):.2f} | {off:.4f} |"
+    )
+
+
+if __name__ == "__main__":
+    main()

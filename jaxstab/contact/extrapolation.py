@@ -1,0 +1,235 @@
+"""Quantities at a range of the adhesion that the grid does not resolve, from longer ranges.
+
+At a fixed work of adhesion a quantity Q tends to a limit as the range r of the law shrinks, as
+Q0 + a r^q. The power q is about 2 close to the limit, where r is much shorter than what surrounds a
+contact, and falls at longer ranges. So it is found for the three shortest of a few ranges and for
+the three longest, and its change is continued.
+"""
+
+from collections.abc import Callable
+from typing import Annotated, Any, NamedTuple
+
+import equinox as eqx
+import numpy as np
+from jaxtyping import Array, Float
+
+from jaxstab.contact.contact import Contact
+from jaxstab.contact.resolution import PINNING, resolved_range
+from jaxstab.core import display
+from jaxstab.core.checks import (
+    array,
+    nonnegative_parameter,
+    numbers,
+    require,
+    require_known,
+    scalar_parameter,
+)
+from jaxstab.core.display import Outcome, column, number
+from jaxstab.core.results import SolverError
+from jaxstab.core.types import ArrayLike, Scalar
+from jaxstab.core.units import LENGTH, NO_UNITS, Units, shown_unit, unit_symbol
+from jaxstab.references.roots import bisect
+
+# The default ranges: the resolution at the shortest one, and each over the one before.
+_RESOLUTION = 8.0
+_RATIOS = 1.3 ** np.arange(4)
+# The powers that are sought, and the least one that tells of a limit at the range zero.
+_POWERS = -6.0, 6.0
+_LEAST_POWER = 0.3
+_FEWEST = 3
+
+
+class Extrapolation(Outcome):
+    """A quantity at a range that is shorter than those it was computed at.
+
+    Attributes:
+        value: of the quantity there.
+        error: of the value, estimated.
+        power: q below the shortest range; NaN where the quantity depends on the range by less than
+            the error of the grid.
+        range: the range asked for [length].
+        ranges: those at which the quantity was computed, rising [length].
+        values: of the quantity at each.
+        resolutions: of the grid at each, as `contact.resolution`.
+        units: the units of length and of pressure, None where unknown.
+    """
+
+    value: Scalar
+    error: Scalar
+    power: Scalar
+    range: Annotated[Scalar, LENGTH]
+    ranges: Annotated[Float[Array, " ranges"], LENGTH]
+    values: Float[Array, " ranges"]
+    resolutions: Float[Array, " ranges"]
+    units: Units = eqx.field(static=True, default=NO_UNITS, repr=False)
+
+    @display.readable
+    def __repr__(self) -> str:
+        unit = shown_unit(unit_symbol(self.units, LENGTH))
+        columns = {
+            f"range [{unit}]" if unit else "range": column(self.ranges, "{:.5g}".format),
+            "resolution": column(self.resolutions, "{:.3g}".format),
+            "value": column(self.values, number),
+        }
+        head = (
+            f"Extrapolation: {float(self.value):.6g} ± {float(self.error):.1g} at the range "
+            f"{float(self.range):.6g} {unit}".rstrip()
+            + f", with the power {float(self.power):.3g}"
+        )
+        return f"{head}\n{display.table(columns)}"
+
+
+def extrapolate(
+    function: Callable[[Contact], ArrayLike],
+    contact: Contact,
+    *,
+    ranges: ArrayLike | None = None,
+    to: ArrayLike | None = None,
+) -> Extrapolation:
+    """Return a quantity at a range that the grid does not resolve, from longer ranges.
+
+    The quantity Q is computed at three or more ranges of the law, at the same work of adhesion.
+    The power q of Q0 + a r^q follows from the three shortest ranges, and again from the three
+    longest. From one range to the next it changes, and it changes as much again below the shortest
+    one: with that power Q goes on from the two shortest ranges to the one asked for.
+
+    The error is the sum of two. One is the change of the value with the power of the three longest
+    ranges, or with a parabola if there are three in all. The other is the change if each value
+    is lower by the error of a pull-off at its resolution, 20 % over its square, as contact
+    edges are pinned to the grid. Longer `ranges` make the second smaller, and the first larger.
+
+    Arguments:
+        function: returns one number for a contact, such as the load of its `pull_off`, or the
+            dissipation of a path.
+        contact: the contact problem, whose law has a `length`, as those of `jaxstab.potentials`
+            with a range.
+        ranges: three ranges or more, in any order [length]. By default four, each 1.3 times
+            the one before, from a resolution of 8 on.
+        to: the range asked for, or zero for the limit; by default that of the contact's law
+            [length].
+
+    Raises:
+        ValueError: for fewer than three ranges, ranges that repeat or are not positive, a range
+            asked for that is longer than all, and a function of something else than one number.
+        TypeError: for a law without one number that is its range; under JAX transformations.
+        SolverError: where the values rise and fall with the range, and for the range zero where
+            the power is below 0.3: then they tell of no limit.
+    """
+    require_known((contact, ranges, to), "extrapolate")
+    shortest = resolved_range(contact, _RESOLUTION)
+    lengths = _RATIOS * float(shortest) if ranges is None else _checked(ranges)
+    law: Any = contact.potential
+    target = law.length if to is None else to
+    target = float(nonnegative_parameter(scalar_parameter(target, "The range"), "The range"))
+    cure = f"the longest that is computed is {lengths[-1]:.6g}, give `ranges` up to it."
+    require("The range", target, target <= lengths[-1], cure)
+    contacts = [_with_range(contact, length) for length in lengths]
+    values = np.array([_number(function(one)) for one in contacts])
+    resolutions = np.array([float(one.resolution) for one in contacts])
+    errors = np.abs(values).max() * PINNING / resolutions**2
+    found = _extrapolated(lengths, values, errors, target)
+    dtype = contact.heights.dtype
+    fields = found.value, found.error, found.power, target, lengths, values, resolutions
+    return Extrapolation(*(array(x, dtype) for x in fields), units=contact.units)
+
+
+class _Limit(NamedTuple):
+    """A value at the range asked for, its error, and the power that leads there."""
+
+    value: float
+    error: float
+    power: float
+
+
+def _extrapolated(
+    lengths: np.ndarray, values: np.ndarray, errors: np.ndarray, target: float
+) -> _Limit:
+    """Return the value at a target, by a power that goes on changing as from range to range."""
+    if not np.isfinite(values).all():
+        raise SolverError(f"The function is {values} at the ranges {lengths}: it must be finite.")
+    spread = np.ptp(values)
+    if spread <= errors[0]:
+        # The range has less effect than the grid.
+        return _Limit(values[np.argmin(errors)], spread + errors[0], np.nan)
+    value, power, change = _by_power(lengths, values, target)
+    # Edges that are pinned make a pull-off larger.
+    try:
+        unpinned, _, _ = _by_power(lengths, values - np.sign(values) * errors, target)
+    except SolverError:
+        unpinned = value - spread
+    return _Limit(value, change + abs(value - unpinned), power)
+
+
+def _by_power(lengths: np.ndarray, values: np.ndarray, target: float) -> tuple[float, float, float]:
+    """Return the value at a target, the power, and the error of the value by that of the power."""
+    near = _power(lengths[:_FEWEST], values[:_FEWEST])
+    far = _power(lengths[-_FEWEST:], values[-_FEWEST:])
+    steps = len(lengths) - _FEWEST
+    power = near + (near - far) / steps if steps else near
+    value = _along_power(lengths, values, power, target)
+    if steps:
+        other = _along_power(lengths, values, far, target)
+    else:
+        other = float(np.polynomial.Polynomial.fit(lengths, values, 2)(target))
+    return value, power, abs(value - other)
+
+
+def _power(lengths: np.ndarray, values: np.ndarray) -> float:
+    """Return the power q of Q0 + a r^q through three values."""
+    low, high = np.diff(values)
+    if low * high <= 0:
+        raise SolverError(
+            f"The values {values} at the ranges {lengths} rise and fall, as where a contact jumps "
+            "to other states at other ranges: look at them, and give ranges between which "
+            "they change in one direction, or use a finer grid."
+        )
+    below, above = np.log(lengths[[0, 2]] / lengths[1])
+
+    def excess(power: np.ndarray) -> np.ndarray:
+        # This rises with the power.
+        return -_rise(power, above) / _rise(power, below) - high / low
+
+    return float(bisect(excess, *_POWERS))
+
+
+def _rise(power: ArrayLike, distance: float) -> np.ndarray:
+    """Return (x^q - 1) / q at a logarithm of x, which is the limit where the power is zero."""
+    power = np.where(power == 0, np.finfo(float).tiny, power)
+    return np.expm1(power * distance) / power
+
+
+def _along_power(lengths: np.ndarray, values: np.ndarray, power: float, target: float) -> float:
+    """Return the value at a target by a power law through the two shortest ranges."""
+    if target == 0 and power < _LEAST_POWER:
+        raise SolverError(
+            f"The values {values} at the ranges {lengths} go on with the power {power:.3g} of the "
+            f"range, below {_LEAST_POWER}: they tell of no limit at the range zero. Use a finer "
+            "grid, which resolves shorter ranges, or ask for a range above zero."
+        )
+    with np.errstate(divide="ignore"):
+        below, above = np.log(np.array([target, lengths[1]]) / lengths[0])
+    share = _rise(power, below) / _rise(power, above)
+    return float(values[0] + share * (values[1] - values[0]))
+
+
+def _checked(ranges: ArrayLike) -> np.ndarray:
+    """Return three ranges or more, rising."""
+    lengths = np.sort(np.asarray(numbers(ranges, "The ranges"), float), axis=None)
+    cure = f"give {_FEWEST} different ones or more."
+    require("The ranges", lengths, len(np.unique(lengths)) >= _FEWEST, cure)
+    cure = "they must be positive, finite and different."
+    is_right = np.isfinite(lengths).all() and lengths[0] > 0 and np.diff(lengths).min() > 0
+    require("The ranges", lengths, is_right, cure)
+    return lengths
+
+
+def _with_range(contact: Contact, length: float) -> Contact:
+    """Return a contact with another range of its law."""
+    law: Any = contact.potential
+    changed = array(length, law.length.dtype)
+    return eqx.tree_at(lambda contact: contact.potential.length, contact, changed)
+
+
+def _number(value: ArrayLike) -> float:
+    """Return what a function has returned as a number."""
+    return float(scalar_parameter(value, "What the function returns"))

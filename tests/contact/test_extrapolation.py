@@ -1,0 +1,125 @@
+"""Quantities at ranges that a grid does not resolve, beside closed forms and finer grids."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import jaxstab as js
+from jaxstab.references import jkr, johnson, maugis
+
+# Its grid resolves all ranges here.
+FLAT = js.Contact(js.HalfSpace(js.Grid((8,)), 1e5), jnp.zeros(8), js.potentials.Gaussian(0.1, 0.1))
+
+
+def pull_off(contact):
+    return js.pull_off(contact).load.value
+
+
+@pytest.mark.parametrize("power", [-0.5, 0.5, 1.0, 2.3])
+@pytest.mark.parametrize("ranges", [[2, 1, 3], [1, 1.3, 2, 2.5, 4]])
+def test_a_power_law_is_found_with_its_power(power, ranges):
+    def law(contact):
+        return 3 - 0.01 * contact.potential.length**power
+
+    found = js.extrapolate(law, FLAT, ranges=ranges)
+    np.testing.assert_allclose(found.value, 3 - 0.01 * 0.1**power, rtol=1e-12)
+    np.testing.assert_allclose(found.power, power, rtol=1e-9)
+    np.testing.assert_array_equal(found.ranges, np.sort(ranges))
+    assert found.range == FLAT.potential.length
+    if power > 0:
+        np.testing.assert_allclose(js.extrapolate(law, FLAT, ranges=ranges, to=0).value, 3)
+    else:
+        with pytest.raises(js.SolverError, match=r"go on with the power -0.5 .* no limit at the"):
+            js.extrapolate(law, FLAT, ranges=ranges, to=0)
+
+
+@pytest.mark.parametrize("shortest", [0.05, 0.07, 0.1])
+def test_a_sphere_comes_to_jkr_within_a_percent(shortest):
+    sphere = 1.0, 1.0, 0.1
+
+    def force(contact):
+        return maugis.pull_off(*sphere, 0.1 / float(contact.potential.length)).force
+
+    expected = jkr.pull_off(*sphere).force
+    found = js.extrapolate(force, FLAT, ranges=shortest * 1.3 ** np.arange(4), to=0)
+    assert found.values[-1] / expected > 1.01
+    np.testing.assert_allclose(found.value, expected, rtol=1e-2)
+    assert abs(found.value - expected) < found.error
+    assert 1.5 < found.power < 2.1
+
+
+def test_johnsons_wave_comes_to_his_pull_off_within_a_percent():
+    wave = 0.01, 1.0, 1.0, 8e-5
+    grid = js.Grid((256,), (1.0,))
+    heights = wave[0] * (np.cos(2 * np.pi * np.arange(256) / 256) - 1)
+    law = js.potentials.Gaussian(wave[3], 1e-4)
+    contact = js.Contact(js.HalfSpace(grid, wave[2]), jnp.asarray(heights), law)
+    expected = johnson.pull_off(*wave).mean_pressure
+    found = js.extrapolate(pull_off, contact, to=0)
+    np.testing.assert_allclose(found.resolutions[0], 8)
+    assert found.values[0] / expected < 0.98
+    np.testing.assert_allclose(found.value, expected, rtol=1e-2)
+    assert abs(found.value - expected) < found.error < 0.05 * abs(expected)
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_a_rough_line_meets_a_grid_twice_as_fine(seed):
+    contacts = []
+    for number in (128, 256):
+        grid = js.Grid((number,), (1.0,))
+        heights = js.surfaces.self_affine(grid, jax.random.key(seed), k_high=4, rms_height=0.02)
+        law = js.potentials.Gaussian(1e-4, 1.0)
+        contacts.append(js.Contact(js.HalfSpace(grid, 1.0), heights, law))
+    coarse, fine = contacts
+    shortest = js.resolved_range(fine, 8)
+    found = js.extrapolate(pull_off, coarse, to=shortest)
+    law = js.potentials.Gaussian(1e-4, shortest)
+    expected = pull_off(js.Contact(fine.solid, fine.heights, law))
+    assert abs(found.value - expected) < found.error < 0.05 * abs(expected)
+    assert abs(found.values[0] - expected) > 3 * found.error
+
+
+def test_a_quantity_without_an_effect_of_the_range_has_no_power():
+    found = js.extrapolate(lambda contact: 2.0, FLAT, to=0)
+    assert found.value == 2 and np.isnan(found.power)
+    # The error of the grid is left: 20 % over the square of the resolution.
+    np.testing.assert_allclose(found.error, 2 * 0.2 / 8**2, rtol=1e-6)
+
+
+def test_an_extrapolation_prints_a_line_for_each_range():
+    found = js.extrapolate(lambda c: 1 + c.potential.length**2, FLAT, ranges=[0.1, 0.2, 0.3], to=0)
+    head, columns, _, *rows = repr(found).splitlines()
+    assert head.startswith("Extrapolation: 1 ± ") and head.endswith("with the power 2")
+    assert columns.split() == ["range", "resolution", "value"] and len(rows) == 3
+
+
+def test_what_tells_of_no_limit_is_refused_with_the_cure():
+    values = iter([1.0, 1.2, 1.1, 1.3])
+    with pytest.raises(js.SolverError, match=r"rise and fall.*finer grid"):
+        js.extrapolate(lambda contact: next(values), FLAT, to=0)
+    with pytest.raises(js.SolverError, match=r"nan.*must be finite"):
+        js.extrapolate(lambda contact: np.nan, FLAT, to=0)
+    with pytest.raises(ValueError, match=r"function returns has shape \(2,\): give one number"):
+        js.extrapolate(lambda contact: np.ones(2), FLAT, to=0)
+
+
+def test_ranges_that_cannot_be_are_refused_with_the_cure():
+    def length(contact):
+        return contact.potential.length
+
+    for bad in ([0.1, 0.2], [0.1, 0.1, 0.2]):
+        with pytest.raises(ValueError, match=r"The ranges.*give 3 different ones or more"):
+            js.extrapolate(length, FLAT, ranges=bad)
+    for bad in ([-0.1, 0.2, 0.3], [0.1, 0.2, 0.3, 0.3], [0.1, 0.2, np.inf]):
+        with pytest.raises(ValueError, match="must be positive, finite and different"):
+            js.extrapolate(length, FLAT, ranges=bad)
+    with pytest.raises(ValueError, match=r"longest that is computed is 0.3, give `ranges` up"):
+        js.extrapolate(length, FLAT, ranges=[0.1, 0.2, 0.3], to=0.4)
+    with pytest.raises(ValueError, match=r"range is -1.0: it must be finite and not negative"):
+        js.extrapolate(length, FLAT, to=-1.0)
+    own = js.Contact(FLAT.solid, FLAT.heights, lambda gap: -jnp.exp(-gap))
+    with pytest.raises(TypeError, match="without one range"):
+        js.extrapolate(length, own, to=0)
+    with pytest.raises(TypeError, match="extrapolate works on known numbers"):
+        jax.jit(lambda to: js.extrapolate(length, FLAT, to=to).value)(0.0)
