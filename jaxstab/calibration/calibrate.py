@@ -1,7 +1,7 @@
 """The fit of an interaction law and a modulus to a measured curve of force over distance."""
 
 from dataclasses import replace
-from typing import Any
+from typing import Any, Literal
 
 import equinox as eqx
 import jax
@@ -18,12 +18,14 @@ from jaxstab.calibration.least_squares import (
     Rows,
     directions,
 )
-from jaxstab.calibration.model import Model, Order, Pick, Where, values_of
-from jaxstab.calibration.result import ZEROS, Calibration, describe, profile_of
+from jaxstab.calibration.measured_curve import Parts, means_of
+from jaxstab.calibration.model import ZEROS, Model, Order, Pick, Where, values_of
+from jaxstab.calibration.result import Calibration, describe, profile_of
 from jaxstab.calibration.search import Plan, Search, num_fits
 from jaxstab.contact import Contact, require_contact
 from jaxstab.contact.resolution import warn_if_coarse
 from jaxstab.core.checks import (
+    array,
     integer,
     is_traced,
     is_transformed,
@@ -38,8 +40,9 @@ from jaxstab.core.loop import optional_parameter
 from jaxstab.core.progress import progress_bar
 from jaxstab.core.results import RESULTS, throw_failure
 from jaxstab.core.types import ArrayLike, Scalar
-from jaxstab.core.units import FORCE, NUMBER, PRESSURE
+from jaxstab.core.units import FORCE, NUMBER, PRESSURE, SPRING_CONSTANT, STIFFNESS
 from jaxstab.core.warn import warn
+from jaxstab.force_curves import ForceCurve
 from jaxstab.loads import Load, MeanPressure, require_load
 
 # A fit with a larger loss does not describe the measurements; a zero curve has a loss of 1/2.
@@ -61,12 +64,14 @@ def potential_and_modulus(contact: Contact) -> PyTree:
 @own_conventions()
 def calibrate(
     contact: Contact,
-    load: Load,
-    mean_pressure: ArrayLike | None = None,
+    load: Load | type[Load],
+    mean_pressure: ArrayLike | ForceCurve | None = None,
     *,
     forces: ArrayLike | None = None,
-    offset: bool = False,
-    baseline: bool = False,
+    segment: Parts = "retraction",
+    points: int = 40,
+    offset: bool | None = None,
+    baseline: bool | Literal["linear"] | None = None,
     weights: ArrayLike | None = None,
     where: Where = potential_and_modulus,
     order: Order = "continuation",
@@ -94,16 +99,29 @@ def calibrate(
     A parameter that starts positive is fitted by its logarithm, and stays positive.
     Only floating-point arrays are parameters, not integers or Python numbers in a function.
 
+    Of a `jaxstab.force_curves.ForceCurve`, corrected first unless it is already, means over short
+    steps of the height are fitted, in the units of the contact, with weights from their numbers of
+    points; the contact point, the baseline and its tilt are parameters too. As
+    `jaxstab.FarDisplacement` the load is the tip position, so that the fit passes jumps that a soft
+    cantilever makes; as `jaxstab.Spring` it is the height, and the contact must jump where the
+    curve does.
+
     Arguments:
         contact: the contact with the parameters to start from.
         load: one value for each measurement, in their order: a displacement, a gap, or the position
-            of a spring. A load without an equilibrium fails the fit, unless its weight is zero.
+            of a spring. A load without an equilibrium fails the fit, unless its weight is zero. For
+            a force curve one of the classes `FarDisplacement` and `Spring`.
         mean_pressure: m, the measured mean pressures, positive in compression [pressure]. Masked
-            values of a masked array have no weight.
+            values of a masked array have no weight. Or a force curve.
         forces: measured forces instead, positive in compression: m times the area of the cell
             [pressure length^2].
-        offset: fit the zero of the loads, the contact point of a measured curve.
-        baseline: fit the zero of the measurements, a constant force or pressure.
+        segment: which part of a force curve to fit: "approach", "retraction" or "both".
+        points: the number of means over a segment of a force curve, in contact; far from it there
+            are a sixth as many.
+        offset: fit the zero of the loads, the contact point of a measured curve; by default only of
+            a force curve.
+        baseline: fit the zero of the measurements: a constant force or pressure, or "linear" for
+            one with a tilt, baseline + tilt load. By default "linear" for a force curve, else none.
         weights: w, one over the variance of each measurement up to a common factor; all equal by
             default.
         where: selects the parameters to fit from a contact, as in `equinox.tree_at`; by default all
@@ -141,10 +159,23 @@ def calibrate(
             although the measurements have one; for an interrupt.
     """
     require_contact(contact)
-    require_load(load)
-    if isinstance(load, MeanPressure):
+    loads: Any = load
+    given = mean_pressure
+    shifts = 0.0
+    is_curve = isinstance(given, ForceCurve)
+    if is_curve:
+        if forces is not None or weights is not None:
+            raise ValueError("A force curve brings its own forces and weights: leave these out.")
+        loads, forces, weights, shifts = means_of(contact, load, given, segment, points)
+        given = None
+    offset = is_curve if offset is None else offset
+    baseline = (is_curve and "linear") if baseline is None else baseline
+    require_load(loads)
+    if isinstance(loads, MeanPressure):
         raise TypeError("The load is a MeanPressure: fit a curve over a mean displacement or gap.")
     require_one_of("order", order, Order.__args__)
+    require_one_of("baseline", baseline, (False, True, "linear"))
+    is_tilted = baseline == "linear"
     if contact.heights.dtype != jnp.float64:
         raise TypeError(
             f"The heights are {contact.heights.dtype}: a fit needs float64, since near contact "
@@ -156,14 +187,14 @@ def calibrate(
     tolerance = optional_parameter(tolerance)
     if tolerance is not None:
         require_positive("The tolerance", tolerance)
-    if (mean_pressure is None) == (forces is None):
+    if (given is None) == (forces is None):
         raise ValueError("Give the measurements once: as `forces`, or as mean pressures.")
     is_pressure = forces is None
-    given, area = (mean_pressure, jnp.ones(())) if is_pressure else (forces, contact.area)
-    measured = Measured.of(load, given, weights, area, bool(baseline))
+    given, area = (given, jnp.ones(())) if is_pressure else (forces, contact.area)
+    measured = Measured.of(loads, given, weights, area, bool(baseline))
     pick = Pick.of(where, contact)
     w = measured.weights
-    count = len(pick.names) + offset + baseline
+    count = len(pick.names) + offset + bool(baseline) + is_tilted
     weighed = w.size if is_traced(w) else int(jnp.sum(w > 0))
     if not 0 < count < weighed:
         raise ValueError(
@@ -182,10 +213,12 @@ def calibrate(
         area,
         tolerance,
         max_steps,
+        array(np.broadcast_to(shifts, w.shape)),
         where=pick,
         zeros=(
-            (load.unit or NUMBER) if offset else None,
+            (loads.unit or NUMBER) if offset else None,
             (PRESSURE if is_pressure else FORCE) if baseline else None,
+            (STIFFNESS if is_pressure else SPRING_CONSTANT) if is_tilted else None,
         ),
         order=order,
         starts=starts,
@@ -203,7 +236,8 @@ class _Inputs(eqx.Module):
     """All that a fit depends on.
 
     Attributes:
-        zeros: the dimensions of the offset and of the baseline, None where it is not fitted.
+        shifts: of the loads by one standard error that they have in common.
+        zeros: the dimensions of offset, baseline and tilt, None where one is not fitted.
     """
 
     contact: Contact
@@ -211,8 +245,9 @@ class _Inputs(eqx.Module):
     area: Scalar
     tolerance: Scalar | None
     max_steps: ArrayLike
+    shifts: Curve
     where: Pick = eqx.field(static=True)
-    zeros: tuple[str | None, str | None] = eqx.field(static=True)
+    zeros: tuple[str | None, str | None, str | None] = eqx.field(static=True)
     order: Order = eqx.field(static=True)
     starts: int | None = eqx.field(static=True)
 
@@ -221,7 +256,7 @@ class _Inputs(eqx.Module):
         inputs: Any = refuse_derivatives(self)
         values, unravel = values_of(self.where(inputs.contact))
         model = Model(inputs.contact, self.where, unravel, inputs.measured.load, self.order)
-        start = jnp.concatenate([values, jnp.zeros(2)])
+        start = jnp.concatenate([values, jnp.zeros(len(ZEROS))])
         is_fitted = np.array([True] * values.size + [zero is not None for zero in self.zeros])
         problem = FitProblem(model.curve, start, inputs.measured, inputs.tolerance)
         is_profiled = (start > 0) & is_fitted
@@ -284,11 +319,17 @@ def _result(inputs: _Inputs, found: Search) -> tuple[Calibration, Hints]:
     unravel = model.unravel
     best = found.best.point
 
-    units = jnp.ones(held.size).at[-1].set(inputs.area)
+    units = jnp.ones(held.size).at[-2:].set(inputs.area)
     shown = directions(problem, best, held).covariance
     relative = jnp.sqrt(jnp.diag(shown))
     errors = found.errors(problem, held, relative * problem.slopes(best.free)) * units
     factors = jnp.where(relative > 0, errors / relative, 0)
+    places = held.size - len(ZEROS) + np.arange(2)
+    # To shift the loads is to shift their zero the other way.
+    shift = replace(best, misfit=best.jacobian[:, places[0]] * inputs.shifts)
+    moved = directions(problem, shift, held).newton * problem.slopes(best.free) * units
+    errors = jnp.hypot(errors, moved)
+    covariance = factors[:, None] * shown * factors + jnp.outer(moved, moved)
     parameters = problem.values(best.free) * units
 
     is_bad = (jnp.abs(best.free) > _BOUND) | ~(relative < _LARGEST_ERROR)
@@ -298,21 +339,26 @@ def _result(inputs: _Inputs, found: Search) -> tuple[Calibration, Hints]:
     is_bad = jnp.any(is_bad & problem.is_log & is_fitted) | (best.loss > limit)
     is_bad |= ~jnp.all(jnp.isfinite(jnp.where(is_fitted, errors, 0)))
     result = RESULTS.where(is_bad & jnp.isfinite(best.loss), RESULTS.no_fit, found.result)
-    is_zero = np.arange(held.size) >= held.size - 2
+    # A tilt is not advised: what looks like one may be the far end of an attraction.
+    is_zero = np.isin(np.arange(held.size), places)
     free_of_zeros = directions(problem, best, held & ~is_zero)
     left = best.misfit - best.jacobian @ free_of_zeros.newton
-    zero_steps = -free_of_zeros.newton[-2:] * units[-2:] * held[-2:]
+    zero_steps = -free_of_zeros.newton[places] * units[places] * held[places]
     zeros = {name: kind for name, kind in zip(ZEROS, inputs.zeros, strict=True) if kind is not None}
     fit = Calibration(
         contact=model.contact_at(parameters),
-        parameters=unravel(parameters[:-2]),
-        standard_errors=unravel(errors[:-2]),
-        offset=parameters[-2],
-        offset_error=errors[-2],
-        baseline=parameters[-1],
-        baseline_error=errors[-1],
-        covariance=(factors[:, None] * shown * factors)[is_fitted][:, is_fitted],
+        parameters=unravel(parameters[: -len(ZEROS)]),
+        standard_errors=unravel(errors[: -len(ZEROS)]),
+        offset=parameters[-3],
+        offset_error=errors[-3],
+        baseline=parameters[-2],
+        baseline_error=errors[-2],
+        tilt=parameters[-1],
+        tilt_error=errors[-1],
+        covariance=covariance[is_fitted][:, is_fitted],
         mean_pressure=best.mean_pressure,
+        load=measured.load,
+        measured=measured.mean_pressure,
         area=inputs.contact.area,
         loss=best.loss,
         residual=found.best.residual,

@@ -22,6 +22,9 @@ from jaxstab.loads import Load
 
 Order = Literal["continuation", "independent"]
 Where = Callable[[Contact], PyTree]
+# The last numbers of a vector of parameters: the zero of the loads, and the zero of the pressures
+# with its slope over the loads.
+ZEROS = ("offset", "baseline", "tilt")
 
 
 @dataclass(frozen=True)
@@ -100,7 +103,7 @@ def values_of(tree: PyTree) -> tuple[Values, Callable[[Values], PyTree]]:
 class Model:
     """A contact as a function of a vector of parameters.
 
-    The last two numbers of the vector are the zeros of the loads and of the pressures.
+    The last numbers of the vector are the `ZEROS`.
     """
 
     contact: Contact
@@ -111,7 +114,7 @@ class Model:
 
     def contact_at(self, values: Values) -> Contact:
         """Return the contact with other parameters."""
-        return eqx.tree_at(self.where, self.contact, self.unravel(values[:-2]))
+        return eqx.tree_at(self.where, self.contact, self.unravel(values[: -len(ZEROS)]))
 
     def curve(self, values: Values) -> tuple[Curve, Rows]:
         """Return the mean pressures at the loads and their Jacobian, NaN without an equilibrium."""
@@ -130,10 +133,11 @@ class Model:
 
     def _pressure(self, values: Values, load: Load, start: Array | None) -> tuple[Array, Array]:
         """Return the mean pressure at one load, and the gap, the start of the next load."""
-        offset, baseline = values[-2:]
+        offset, baseline, tilt = values[-len(ZEROS) :]
+        zero = baseline + tilt * load.value
         load = load.at(load.value - offset)
         problem = posed(self.contact_at(values), load)
         gap = start_of(problem.contact, problem.state, start)
         found = as_given(solved(problem, PreconditionedConjugateGradient(), gap), problem)
         is_found = found.result == RESULTS.successful
-        return jnp.where(is_found, found.mean_pressure, jnp.nan) + baseline, found.gap
+        return jnp.where(is_found, found.mean_pressure, jnp.nan) + zero, found.gap

@@ -10,7 +10,7 @@ from jaxtyping import Array, Float, Int, PyTree
 
 from jaxstab.calibration.advice import Hints, drift_of, outlier_of, wrong_sign
 from jaxstab.calibration.least_squares import Curve, FitProblem, Measured
-from jaxstab.calibration.model import values_of
+from jaxstab.calibration.model import ZEROS, values_of
 from jaxstab.calibration.search import Search
 from jaxstab.contact import Contact
 from jaxstab.core.checks import is_traced
@@ -18,8 +18,7 @@ from jaxstab.core.display import number, table
 from jaxstab.core.results import RESULTS
 from jaxstab.core.types import Scalar
 from jaxstab.core.units import AREA, PRESSURE, chosen_unit, shown_unit
-
-ZEROS = ("offset", "baseline")
+from jaxstab.loads import Load
 
 
 class LossProfile(eqx.Module):
@@ -48,9 +47,13 @@ class Calibration(eqx.Module):
         offset_error: its standard error; zero if it was not fitted.
         baseline: the zero of the measurements, in their unit.
         baseline_error: its standard error; zero if it was not fitted.
-        covariance: of the parameters, in the order of their leaves, then of offset and baseline
-            where they are fitted.
+        tilt: the slope of the baseline, which is baseline + tilt load, over the length of the load.
+        tilt_error: its standard error; zero if it was not fitted.
+        covariance: of the parameters, in the order of their leaves, then of offset, baseline and
+            tilt where they are fitted.
         mean_pressure: the fitted curve, with the baseline [pressure].
+        load: the loads, one for each measurement.
+        measured: the measured mean pressures [pressure].
         area: the area of the cell [length^2].
         loss: half the weighted sum of squared misfits over the sum of squared measurements, or,
             with a baseline, of squared deviations from their mean.
@@ -72,8 +75,12 @@ class Calibration(eqx.Module):
     offset_error: Scalar
     baseline: Scalar
     baseline_error: Scalar
+    tilt: Scalar
+    tilt_error: Scalar
     covariance: Float[Array, "parameters parameters"]
     mean_pressure: Annotated[Curve, PRESSURE]
+    load: Load
+    measured: Annotated[Curve, PRESSURE]
     area: Annotated[Scalar, AREA]
     loss: Scalar
     residual: Scalar
@@ -90,6 +97,11 @@ class Calibration(eqx.Module):
     def force(self) -> Curve:
         """The fitted curve, the mean pressure times the area [pressure length^2]."""
         return self.mean_pressure * self.area
+
+    @property
+    def residuals(self) -> Curve:
+        """The misfit, measured less fitted forces [pressure length^2]."""
+        return (self.measured - self.mean_pressure) * self.area
 
     def __repr__(self) -> str:
         if is_traced(self) or self.loss.ndim:

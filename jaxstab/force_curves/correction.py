@@ -81,6 +81,7 @@ class Correction:
         drift: the speed at which heights of equal force grow from approach to retraction, None if
             that is unknown [length/s], or [length/point] without times.
         drift_error: its standard error.
+        removes_drift: whether the drift was removed, and not left as hysteresis.
         has_times: whether the drift is per second.
     """
 
@@ -90,6 +91,7 @@ class Correction:
     contact_error: float | None = None
     drift: float | None = None
     drift_error: float | None = None
+    removes_drift: bool = False
     has_times: bool = True
 
     def scaled(self, length: float, force: float) -> "Correction":
@@ -183,8 +185,9 @@ def correct(
     if constant is None:
         remarks.append("contact point unknown, since the spring constant is")
         return flat, _removed(lines, 0.0), tuple(remarks)
-    clocks = _clocks(segments)
+    clocks = clocks_of(segments)
     drift = drift_error = None
+    removes_drift = False
     if len(ends) == 2:
         slow = _SLOW * _speed(segments[ends[0]], clocks[ends[0]])
         found = _with_zeros(lambda shifted: _drift(shifted, clocks), flat, lines, constant)
@@ -192,7 +195,8 @@ def correct(
             remarks.append("drift unknown: approach and retraction have too few forces in common")
         else:
             drift, drift_error = found
-        if drift is not None and abs(drift) > slow:
+        removes_drift = drift is not None and abs(drift) <= slow
+        if drift is not None and not removes_drift:
             remarks.append(
                 "drift left: it is no slower than hysteresis, at 1 % of the speed of the approach"
             )
@@ -211,6 +215,7 @@ def correct(
         contact_error=contact_error,
         drift=drift,
         drift_error=drift_error,
+        removes_drift=removes_drift,
         has_times=all(segment.time is not None for segment in segments.values()),
     )
     return flat, correction, tuple(remarks)
@@ -229,7 +234,7 @@ def _moved(segment: Segment, constant: float | None, by: np.ndarray | float = 0.
     return replace(segment, height=height, tip=tip)
 
 
-def _clocks(segments: Mapping[str, Segment]) -> dict[str, np.ndarray]:
+def clocks_of(segments: Mapping[str, Segment]) -> dict[str, np.ndarray]:
     """Return the time of each point from the end of the approach, or its number.
 
     Without times a pause has a constant clock, since its duration is unknown.

@@ -7,6 +7,7 @@ film of a path.
 from jaxstab.plots.adhesion_map import adhesion_map
 from jaxstab.plots.animation import animation
 from jaxstab.plots.branches import branch, transition
+from jaxstab.plots.calibrations import calibration
 from jaxstab.plots.curves import convergence, force, potential, spectrum, stability_curve
 from jaxstab.plots.detachments import detachment
 from jaxstab.plots.evolutions import evolution
@@ -21,6 +22,7 @@ __all__ = [
     "adhesion_map",
     "animation",
     "branch",
+    "calibration",
     "contact_map",
     "convergence",
     "detachment",

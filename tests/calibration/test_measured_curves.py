@@ -76,6 +76,24 @@ def test_offset_and_baseline_are_those_of_another_fit_of_the_closed_form():
     assert [row[3] for row in rows] == ["J/m²", "µm", "µm", "N/m"]
 
 
+def test_a_tilt_is_that_of_another_fit_of_the_closed_form():
+    def tilted(positions, energy, length, offset, baseline, tilt):
+        return forces_of(positions, energy, length, offset, baseline) + tilt * positions
+
+    forces = noisy(0) - 0.1 * POSITIONS
+    fit = fit_flat(forces, baseline="linear", tolerance=1e-8)
+    start = [*TRUTH, 0.0]
+    values, covariance = curve_fit(tilted, POSITIONS, forces, p0=start, xtol=1e-12, ftol=1e-12)
+    np.testing.assert_allclose([*found(fit), fit.tilt], values, rtol=1e-3)
+    error = np.sqrt(covariance[-1, -1])
+    np.testing.assert_allclose(np.sqrt(np.diag(fit.covariance))[-1], error, rtol=0.1)
+    assert fit.names[-1] == "tilt"
+    # A force on a line over a length: 1 MPa.
+    assert str(fit).splitlines()[-1].split()[-1] == "MPa"
+    with pytest.raises(ValueError, match="baseline is 'quadratic'"):
+        fit_flat(forces, baseline="quadratic")
+
+
 def test_the_profile_is_that_of_fits_with_the_work_held():
     forces = noisy(1)
     fit = fit_flat(forces)

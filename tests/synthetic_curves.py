@@ -1,6 +1,7 @@
 """Force curves made of a closed form, with all that an instrument adds."""
 
 import numpy as np
+from scipy.interpolate import CubicSpline
 
 import jaxstab as js
 
@@ -45,19 +46,28 @@ def recorded(
     reach=150.0,
     parts=("approach", "retraction"),
 ):
-    """Return what an instrument records of a law: indentations with forces, in contact.
+    """Return what an instrument records of a law: ascending indentations with forces.
 
-    Out of contact no force acts. The approach touches at no indentation, the retraction follows the
-    law until the cantilever pulls the tip off. Heights are off by the contact point, and by a drift
+    The tip jumps where the cantilever is softer than the law. Before the first indentation no force
+    acts; a law that begins with a pull-off is one of contact, which the approach meets at no
+    indentation. Heights are off by the contact point, and by a drift
     from the end of the approach; forces by an offset of each segment, a tilt and noise.
     """
     random = np.random.default_rng(seed)
     indentation, force = law
+    if len(force) < 1000:
+        fine = np.linspace(indentation[0], indentation[-1], 8000)
+        force = CubicSpline(indentation, force)(fine)
+        indentation = fine
     height = -indentation - force / constant
-    last = int(np.argmax(height))
-    height, force, indentation = height[last:], force[last:], indentation[last:]
-    touch = np.interp(0, indentation, height)
     lowest = height[-1]
+    # Of a law of the contact alone the approach sees what lies beyond no indentation.
+    is_contact = abs(force[0]) > 1e-3 * np.max(np.abs(force))
+    seen = indentation >= 0 if is_contact else np.full(len(force), True)
+    is_new = np.minimum.accumulate(height[seen]) == height[seen]
+    down = height[seen][is_new][::-1], force[seen][is_new][::-1]
+    is_new = np.maximum.accumulate(height[::-1]) == height[::-1]
+    up = height[::-1][is_new], force[::-1][is_new]
     time = (reach - lowest) / speed * np.linspace(-1, 1, 2 * points)
     machine = lowest + speed * np.abs(time)
     segments = []
@@ -66,9 +76,7 @@ def recorded(
         own = machine[is_part]
         # The sample moves, and is then deeper or less deep than at the turn.
         above = own - drift * time[is_part]
-        end = touch if part == "approach" else height[0]
-        true = np.interp(above, height[::-1], force[::-1])
-        true = np.where(above < end, true, 0)
+        true = np.interp(above, *(down if part == "approach" else up), right=0.0)
         total = true + offsets[number] + tilt * own + noise * random.normal(size=own.size)
         segments.append(
             js.force_curves.Segment(

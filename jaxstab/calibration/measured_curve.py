@@ -1,0 +1,200 @@
+"""The loads, forces and weights of a fit to a measured force curve."""
+
+from typing import Literal, NamedTuple
+
+import numpy as np
+
+from jaxstab.contact import Contact
+from jaxstab.core.checks import integer, require, require_one_of
+from jaxstab.core.units import LENGTHS, PRESSURES
+from jaxstab.force_curves import Baseline, ForceCurve, Segment
+from jaxstab.force_curves.correction import clocks_of
+from jaxstab.loads import FarDisplacement, Load, Spring
+
+Parts = Literal["approach", "retraction", "both"]
+_PARTS = {
+    "approach": ("approach",),
+    "retraction": ("retraction",),
+    "both": ("approach", "retraction"),
+}
+# One mean where no force acts for so many in contact.
+_FAR = 6
+# A step of the tip is a jump if it exceeds the noise, and steps of the cantilever, so many times.
+_NOISES, _STEPS = 12.0, 5.0
+# Fewer points between two jumps are a tip on its way.
+_ON_ITS_WAY = 3
+# A parabola through fewer points would follow the noise.
+_FEWEST_IN_PARABOLA = 8
+# The variance of tip positions that a parabola is drawn over, over the variance of their noise.
+_ABOVE_NOISE = 10.0
+# The least slope of the tip position over the height that counts in the weights.
+_LEAST_SLOPE = 0.02
+
+
+class Means(NamedTuple):
+    """Means over points of a curve, in the order of the measurement, in units of the contact.
+
+    The shifts are those of the loads by one standard error of the drift.
+    """
+
+    load: Load
+    forces: np.ndarray
+    weights: np.ndarray
+    shifts: np.ndarray
+
+
+def means_of(
+    contact: Contact, kind: Load | type[Load], curve: ForceCurve, parts: Parts, points: int
+) -> Means:
+    """Return what is fitted to a force curve, which is corrected first unless it is already.
+
+    Means over equal steps of the height do for all of their points, as long as the curve is
+    straight within a step; none extends over a jump of the tip. An error of the force moves the
+    tip position too, and the force of the contact with it. Where the slope of the tip position
+    over the height is s, this makes the misfit 1 / s times larger, so for a `FarDisplacement` the
+    weights are the numbers of points times s^2.
+
+    Arguments:
+        contact: the contact, with units.
+        kind: `FarDisplacement`, over the tip position, or `Spring`, over the height.
+        curve: the curve.
+        parts: which segments to fit.
+        points: the number of means in contact, of each segment.
+
+    Raises:
+        ValueError: for a contact without units or on a line, and a curve that lacks the segments or
+            the spring constant.
+        TypeError: for another load.
+    """
+    if kind not in (FarDisplacement, Spring):
+        given = kind.__name__ if isinstance(kind, type) else f"a {type(kind).__name__}"
+        raise TypeError(
+            f"The load is {given}: for a force curve give the class FarDisplacement or Spring, "
+            "whose values follow from the curve."
+        )
+    require_one_of("segment", parts, _PARTS)
+    require("points", integer("points", points), points >= 4, "give at least 4.")
+    units = contact.units
+    if units.length is None or units.pressure is None:
+        raise ValueError(
+            "The contact has no units, but the curve has: give both to the contact, as in "
+            'unit="nm", pressure_unit="GPa".'
+        )
+    if units.sides == 1:
+        raise ValueError("The contact is a line, on which forces are per length: give a plane.")
+    for name in _PARTS[parts]:
+        if name not in curve.segments:
+            raise ValueError(
+                f"The curve has no {name}, but {', '.join(curve.segments)}: fit that, as "
+                f'`segment="{next(iter(curve.segments))}"`.'
+            )
+    curve = (curve if curve.correction else curve.corrected()).in_units("m", "N")
+    constant = curve.spring_constant
+    if constant is None:
+        raise ValueError(
+            "The curve has no spring constant, without which its tip positions are unknown: give "
+            "it in N/m, as in js.force_curves.read(path, spring_constant=0.2)."
+        )
+    length = 10.0 ** -LENGTHS[units.length]
+    force = 10.0 ** -(PRESSURES[units.pressure] + 2 * LENGTHS[units.length])
+    is_spring = kind is Spring
+    correction = curve.correction
+    assert correction is not None
+    drift_error = correction.drift_error if correction.removes_drift else None
+    clocks = clocks_of(curve.segments)
+    found = [
+        _means(
+            curve.segments[name],
+            (drift_error or 0.0) * clocks[name],
+            getattr(correction, name),
+            points,
+            is_spring,
+            constant,
+        )
+        for name in _PARTS[parts]
+    ]
+    positions, forces, weights, shifts = map(np.concatenate, zip(*found, strict=True))
+    if is_spring:
+        load = Spring.cantilever(positions * length, constant * force / length, contact.grid)
+    else:
+        load = FarDisplacement(positions * length)
+    return Means(load, forces * force, weights / np.max(weights), shifts * length)
+
+
+def _means(
+    segment: Segment,
+    shifts: np.ndarray,
+    line: Baseline,
+    points: int,
+    is_spring: bool,
+    constant: float,
+) -> tuple[np.ndarray, ...]:
+    """Return means of positions and forces, weights and shifts, in the order of the measurement.
+
+    A mean over points of a curved F exceeds F at their mean position by half its second derivative
+    times the variance of the positions: that is subtracted.
+    """
+    present = np.flatnonzero(segment.is_present)
+    is_down = segment.height[present[0]] > segment.height[present[-1]]
+    # From the far end.
+    numbers = present if is_down else present[::-1]
+    height = segment.height[numbers]
+    tip = segment.tip_position[numbers]
+    force = segment.force[numbers]
+
+    noise = line.noise / constant
+    steps = np.median(np.abs(np.diff(height)))
+    is_jump = np.abs(np.diff(tip)) > _NOISES * noise + _STEPS * steps
+    runs = np.append(0, np.cumsum(is_jump))
+    sizes = np.bincount(runs)
+    is_whole = sizes[runs] >= _ON_ITS_WAY
+    is_far = np.arange(len(height)) < line.number
+    bins = np.where(
+        is_far,
+        _bins(height, height[is_far], max(points // _FAR, 2)),
+        points + _bins(height, height[~is_far], points),
+    )
+    chosen, keys = np.unique((runs * 3 * points + bins)[is_whole], return_inverse=True)
+    # Differences are taken between jumps.
+    run = chosen // (3 * points)
+    height, tip, force = height[is_whole], tip[is_whole], force[is_whole]
+    columns = np.zeros((4, len(chosen)))
+    shifts = shifts[numbers][is_whole]
+    for i in range(len(chosen)):
+        inside = keys == i
+        near = (np.abs(keys - i) <= 1) & (run[keys] == run[i])
+        means = np.array([values[inside].mean() for values in (height, tip, force, shifts)])
+        uses_tip = not is_spring and np.var(tip[near]) > _ABOVE_NOISE * noise**2
+        if uses_tip:
+            # The height is singular where the tip is about to jump, the tip position is not.
+            spread = max(np.var(tip[inside]) - noise**2, 0.0)
+            means[2] -= _bend(tip[near] - means[1], force[near]) * spread / 2
+        else:
+            excess = _bend(height[near] - means[0], force[near]) * np.var(height[inside]) / 2
+            means[1:3] -= excess / constant, excess
+        columns[:, i] = means
+    middles, tips, forces, moves = columns
+    weights = np.bincount(keys) / line.noise**2
+    if not is_spring:
+        for same in (run == number for number in np.unique(run)):
+            if np.sum(same) > 1:
+                slope = np.gradient(tips[same], middles[same])
+                weights[same] *= np.clip(slope, _LEAST_SLOPE, 1) ** 2
+    found = middles if is_spring else tips, forces, weights, moves
+    return found if is_down else tuple(column[::-1] for column in found)
+
+
+def _bend(position: np.ndarray, force: np.ndarray) -> float:
+    """Return the second derivative of the force over the position, by a parabola."""
+    if np.unique(position).size < _FEWEST_IN_PARABOLA:
+        return 0.0
+    scale = np.abs(position).max()
+    return float(2 * np.polyfit(position / scale, force, 2)[0] / scale**2)
+
+
+def _bins(height: np.ndarray, among: np.ndarray, count: int) -> np.ndarray:
+    """Return the number of the step that each height is in, of equal ones from the far end."""
+    top = among.max()
+    part = (top - height) / max(top - among.min(), np.finfo(float).tiny)
+    # Rounding decides for no height at the end of a step.
+    return np.clip(np.floor(count * part + 1e-9), 0, count - 1).astype(int)

@@ -1,0 +1,187 @@
+"""Fits to force curves as an instrument records them."""
+
+from dataclasses import replace
+
+import jax
+import matplotlib.pyplot as plt
+import numpy as np
+import pytest
+import synthetic_curves as synthetic
+
+import jaxstab as js
+from jaxstab.calibration.measured_curve import means_of
+
+WORK, RANGE, MODULUS, RADIUS = 0.05, 6.0, 0.1, 20.0
+GRID = js.Grid(8, (48.0, 48.0))
+RECORD = {"noise": 0.2, "constant": 1.0, "reach": 60.0, "speed": 50.0, "contact": 1.0, "drift": 0.0}
+
+
+def contact(work=WORK, length=RANGE, modulus=MODULUS, **units):
+    units = units or {"unit": "nm", "pressure_unit": "GPa"}
+    solid = js.FreeHalfSpace(GRID, modulus)
+    law = js.potentials.Exponential(work, length)
+    return js.Contact(solid, js.surfaces.paraboloid(GRID, RADIUS), law, **units)
+
+
+@pytest.fixture(scope="module")
+def law():
+    """Indentations and forces of the contact, computed at one after another."""
+    indentation = np.linspace(8.0, -46.0, 91)
+    states = js.sweep(
+        contact(), js.FarDisplacement(-indentation), order="continuation", stability=False
+    )
+    return indentation[::-1], np.asarray(states.equilibrium.force)[::-1]
+
+
+def deviations(fit):
+    """Return the errors of work of adhesion, range and modulus over their standard errors."""
+    found, errors = jax.tree.leaves(fit.parameters), jax.tree.leaves(fit.standard_errors)
+    truth = [WORK, RANGE, MODULUS]
+    return np.array([(x - y) / e for x, y, e in zip(found, truth, errors, strict=True)])
+
+
+@pytest.mark.filterwarnings("ignore::jaxstab.WindowWarning")
+def test_a_retraction_gives_modulus_work_range_and_zeros_within_their_errors(law):
+    curve = synthetic.recorded(law, 0, **RECORD)
+    assert abs(np.diff(curve.corrected().retraction.tip_position)).max() > 1  # a jump
+    fit = js.calibrate(contact(0.06, 5.0, 0.12), js.FarDisplacement, curve)
+    assert (abs(deviations(fit)) < 3).all()
+    assert np.sqrt(np.mean(deviations(fit) ** 2)) > 0.1
+    assert fit.names[3:] == ("offset", "baseline", "tilt")
+    # Offset, baseline and tilt remain, since the curve was corrected roughly.
+    corrected = curve.corrected().correction
+    contact_point = corrected.contact_point + float(fit.offset)
+    assert abs(contact_point - 1) < 3 * fit.offset_error + 0.02
+    assert abs(fit.tilt) < 3 * fit.tilt_error
+    assert abs(fit.baseline) < 3 * fit.baseline_error
+    rows = {line.split()[0]: line.split() for line in str(fit).splitlines()[3:]}
+    assert [rows[name][-1] for name in fit.names] == ["J/m²", "nm", "GPa", "nm", "nN", "N/m"]
+    axes = js.plots.calibration(fit)
+    np.testing.assert_allclose(axes.lines[1].get_ydata(), fit.force)
+    np.testing.assert_allclose(axes.lines[0].get_ydata() - fit.force, fit.residuals, atol=1e-12)
+    assert axes.get_ylabel() == "force [nN]"
+    axes = js.plots.calibration(fit, "residuals", axes=plt.subplots()[1])
+    np.testing.assert_allclose(axes.lines[0].get_ydata(), fit.residuals)
+    assert axes.get_xlabel().endswith("[nm]")
+    plt.close("all")
+
+
+@pytest.mark.nightly
+@pytest.mark.filterwarnings("ignore::jaxstab.WindowWarning")
+@pytest.mark.parametrize(
+    ("kind", "segment"),
+    [
+        (js.FarDisplacement, "approach"),
+        (js.FarDisplacement, "both"),
+        (js.Spring, "retraction"),
+        (js.Spring, "both"),
+    ],
+)
+def test_other_segments_and_a_spring_give_the_same(law, kind, segment):
+    curve = synthetic.recorded(law, 1, **RECORD)
+    fit = js.calibrate(contact(0.06, 5.0, 0.12), kind, curve, segment=segment)
+    assert (abs(deviations(fit)) < 3).all()
+
+
+def means_of_jkr(kind, segment, seed):
+    """Return means over a curve of JKR's law, their errors by it, and the roots of their weights.
+
+    The zeros are known here, and nothing is left of the contact point.
+    """
+    law = synthetic.jkr(3.0)
+    curve = synthetic.recorded(law, seed, noise=0.05, drift=0.0, contact=0.0, tilt=0.0)
+    offsets = {"approach": 0.3, "retraction": 0.4}
+    flat = {
+        name: replace(x, force=x.force - offsets[name], tip=x.tip - offsets[name] / 0.5)
+        for name, x in curve.segments.items()
+    }
+    found = means_of(contact(), kind, replace(curve.corrected(), **flat), segment, 40)
+    tip = np.asarray(found.load.value) + (found.forces / 0.5 if kind is js.Spring else 0)
+    expected = np.where(np.abs(found.forces) < 0.2, 0, np.interp(-tip, *law))
+    if kind is js.Spring:
+        height = -law[0] - law[1] / 0.5
+        down = np.argmax(height)
+        on_law = np.interp(-found.load.value, -height[down:], law[1][down:])
+        expected = np.where(np.abs(found.forces) < 0.2, 0, on_law)
+    return found, found.forces - expected, np.sqrt(found.weights)
+
+
+@pytest.mark.parametrize("kind", [js.FarDisplacement, js.Spring])
+def test_means_lie_on_the_law_with_errors_as_their_weights_say(kind):
+    contacts, free = [], []
+    for seed in range(10):
+        found, errors, roots = means_of_jkr(kind, "retraction", seed)
+        # None lies over the jump.
+        assert np.sum(np.abs(found.forces) > 0.2) > 25
+        is_free = np.abs(found.forces) < 0.2
+        contacts.append((errors * roots)[~is_free])
+        free.append((errors * roots)[is_free])
+        assert (found.weights > 0).all() and found.weights.max() == 1
+    spread = np.std(np.concatenate(contacts)) / np.std(np.concatenate(free))
+    assert 0.7 < spread < 1.4
+    mean = np.mean(np.concatenate(contacts)) / np.std(np.concatenate(free))
+    assert abs(mean) < 0.3
+
+
+def test_both_segments_are_fitted_in_the_order_of_the_measurement():
+    found = {name: means_of_jkr(js.Spring, name, 0)[0] for name in ("approach", "retraction")}
+    both = means_of_jkr(js.Spring, "both", 0)[0]
+    forces = np.concatenate([part.forces for part in found.values()])
+    np.testing.assert_allclose(both.forces, forces)
+    positions = np.asarray(both.load.value)
+    turn = np.argmin(positions)
+    assert (np.diff(positions[: turn + 1]) < 0).all()
+    assert (np.diff(positions[turn + 1 :]) > 0).all()
+    np.testing.assert_allclose(both.load.stiffness, 0.5 / 48**2)
+    # The error of the drift grows with the time from the turn, and changes its sign there.
+    assert (both.shifts[:turn] < 0).all() and (both.shifts[turn + 1 :] > 0).all()
+
+
+def test_units_of_curve_and_contact_are_converted():
+    curve = synthetic.recorded(synthetic.dmt(), 0)
+    one = means_of(contact(), js.FarDisplacement, curve, "approach", 20)
+    metres = contact(unit="m", pressure_unit="Pa")
+    two = means_of(metres, js.FarDisplacement, curve.in_units("µm", "pN"), "approach", 20)
+    np.testing.assert_allclose(two.load.value, 1e-9 * one.load.value, rtol=1e-6)
+    np.testing.assert_allclose(two.forces, 1e-9 * one.forces, rtol=1e-6, atol=1e-15)
+    np.testing.assert_allclose(two.weights, one.weights, rtol=1e-6)
+
+
+def test_missing_points_have_no_part_in_means():
+    curve = synthetic.recorded(synthetic.dmt(), 0).corrected()
+    force = curve.approach.force.copy()
+    force[1500:1503] = np.nan
+    holed = replace(curve, approach=replace(curve.approach, force=force))
+    means = means_of(contact(), js.FarDisplacement, holed, "approach", 20)
+    assert np.isfinite(means.forces).all()
+
+
+def test_what_cannot_be_fitted_is_refused():
+    curve = synthetic.recorded(synthetic.dmt(), 0)
+    solid = js.FreeHalfSpace(GRID, 0.1)
+    plain = js.Contact(solid, contact().heights, js.potentials.Exponential(0.05, 1.0))
+    alone = replace(curve, retraction=None)
+    without = {name: replace(x, tip=None) for name, x in curve.segments.items()}
+    cases = [
+        (TypeError, "give the class FarDisplacement or Spring", contact(), js.MeanGap, curve, {}),
+        (TypeError, "The load is a FarDisplacement", contact(), js.FarDisplacement(0.1), curve, {}),
+        (ValueError, "The contact has no units", plain, js.Spring, curve, {}),
+        (ValueError, "has no retraction, but approach", contact(), js.Spring, alone, {}),
+        (
+            ValueError,
+            "has no spring constant",
+            contact(),
+            js.Spring,
+            replace(curve, **without, spring_constant=None),
+            {},
+        ),
+        (ValueError, "reverse the forces", contact(), js.Spring, -curve, {}),
+        (ValueError, "brings its own forces", contact(), js.Spring, curve, {"weights": [1.0]}),
+        (ValueError, "segment is 'all'", contact(), js.Spring, curve, {"segment": "all"}),
+        (ValueError, "points is 2", contact(), js.Spring, curve, {"points": 2}),
+    ]
+    for kind, message, one, load, measured, options in cases:
+        with pytest.raises(kind, match=message):
+            js.calibrate(one, load, measured, **options)
+    with pytest.raises(TypeError, match="the class FarDisplacement, without its value"):
+        js.calibrate(contact(), js.FarDisplacement, forces=[1.0, 2.0])
