@@ -18,14 +18,18 @@ CARD = """:::{{grid-item-card}} {title}
 
 
 def collect(notebooks: Path, target: Path) -> None:
-    """Copy notebooks, with a picture of each and a page of cards, into a folder made anew."""
+    """Copy notebooks, with their pictures and a page of cards, into a folder made anew."""
     shutil.rmtree(target, ignore_errors=True)
     target.mkdir()
     cards, contents = [], [":::{toctree}", ":hidden:", ""]
     for path in sorted(notebooks.glob("*.ipynb"), key=_place):
         cells = json.loads(path.read_text(encoding="utf-8"))["cells"]
         shutil.copy(path, target)
-        (target / f"{path.stem}.png").write_bytes(_picture(cells))
+        pictures = _pictures(cells)
+        # The card shows the one with the largest file, other pages show them by their numbers.
+        (target / f"{path.stem}.png").write_bytes(max(pictures, key=len))
+        for number, picture in enumerate(pictures, start=1):
+            (target / f"{path.stem}_{number}.png").write_bytes(picture)
         title, text = _introduction(cells)
         cards.append(CARD.format(title=title, text=text, stem=path.stem))
         contents.append(f"_notebooks/{path.stem}")
@@ -46,8 +50,8 @@ def _introduction(cells: list[dict[str, Any]]) -> tuple[str, str]:
     return heading.lstrip("# "), text.replace("\n", " ")
 
 
-def _picture(cells: list[dict[str, Any]]) -> bytes:
-    """Return the picture of a notebook that shows most, by the size of its file."""
+def _pictures(cells: list[dict[str, Any]]) -> list[bytes]:
+    """Return the pictures of a notebook in their order."""
     outputs = [output for cell in cells for output in cell.get("outputs", [])]
     pictures = [x["data"]["image/png"] for x in outputs if "image/png" in x.get("data", {})]
-    return max((base64.b64decode("".join(picture)) for picture in pictures), key=len)
+    return [base64.b64decode("".join(picture)) for picture in pictures]

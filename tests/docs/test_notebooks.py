@@ -1,6 +1,7 @@
 """The notebooks, run as a reader would."""
 
 import os
+import re
 from pathlib import Path
 
 import nbformat
@@ -27,3 +28,19 @@ def test_a_notebook_is_stored_with_its_outputs_in_order(path):
     codes = [cell for cell in cells if cell.cell_type == "code"]
     assert [cell.execution_count for cell in codes] == list(range(1, len(codes) + 1))
     assert not any(output.output_type == "error" for cell in codes for output in cell.outputs)
+
+
+def test_a_study_quotes_the_stored_outputs_of_its_notebook():
+    root = Path(__file__).parents[2]
+    page = (root / "docs" / "ageing.md").read_text(encoding="utf-8")
+    cells = nbformat.read(root / "notebooks" / "ageing.ipynb", as_version=4).cells
+    outputs = [output for cell in cells for output in cell.get("outputs", [])]
+    printed = "".join(output.get("text", "") for output in outputs).splitlines()
+    quoted = "\n".join(re.findall(r"^```text\n(.*?)^```", page, re.DOTALL | re.MULTILINE))
+    tables = re.findall(r"^\|.*\|$", page.partition("## Convergence")[2], re.MULTILINE)
+    lines = [line for line in quoted.splitlines() + tables if line]
+    assert len(lines) > 40
+    assert [line for line in lines if line not in printed] == []
+    shown = {int(number) for number in re.findall(r"_notebooks/ageing_(\d+)\.png", page)}
+    pictures = sum("image/png" in output.get("data", {}) for output in outputs)
+    assert shown == set(range(1, pictures + 1))
