@@ -1,5 +1,6 @@
 """The result of a fit, its table, and the message of a fit that failed."""
 
+from dataclasses import replace
 from typing import Annotated
 
 import equinox as eqx
@@ -13,7 +14,8 @@ from jaxstab.calibration.least_squares import Curve, FitProblem, Measured
 from jaxstab.calibration.model import ZEROS, values_of
 from jaxstab.calibration.search import Search
 from jaxstab.contact import Contact
-from jaxstab.core.checks import is_traced
+from jaxstab.core.checks import is_traced, require_kind
+from jaxstab.core.compile import program
 from jaxstab.core.display import number, table
 from jaxstab.core.results import RESULTS
 from jaxstab.core.types import Scalar
@@ -103,6 +105,27 @@ class Calibration(eqx.Module):
         """The misfit, measured less fitted forces [pressure length^2]."""
         return (self.measured - self.mean_pressure) * self.area
 
+    def with_error_of_grid(self, other: "Calibration") -> "Calibration":
+        """Return this fit, with its distance from the same fit on another grid among its errors.
+
+        The error of a grid is smaller than this distance if the other has half as many points a
+        side. Variances are added.
+
+        Arguments:
+            other: the fit of the same contact on the other grid to the same curve.
+
+        Raises:
+            TypeError: for something that is not a fit.
+            ValueError: for a fit of other parameters.
+        """
+        require_kind(other, Calibration, "no fit: give a result of jaxstab.calibrate.")
+        if self.names != other.names:
+            raise ValueError(
+                f"The other fit has the parameters {', '.join(other.names)}, this one "
+                f"{', '.join(self.names)}: fit the same."
+            )
+        return _with_distance(self, other)
+
     def __repr__(self) -> str:
         if is_traced(self) or self.loss.ndim:
             return eqx.tree_pformat(self)
@@ -120,6 +143,24 @@ class Calibration(eqx.Module):
         seen = f"{minima} {'minimum' if minima == 1 else 'minima'} seen"
         head = f"Calibration: {self.result.name}, loss {float(self.loss):.3g}, {seen}"
         return f"{head}\n{table(rows)}"
+
+
+@program
+def _with_distance(fit: Calibration, other: Calibration) -> Calibration:
+    errors, unravel = values_of(fit.standard_errors)
+    away = values_of(fit.parameters)[0] - values_of(other.parameters)[0]
+    zeros = {name: getattr(fit, name) - getattr(other, name) for name in ZEROS if name in fit.names}
+    every = jnp.concatenate([away, jnp.stack([*zeros.values()])]) if zeros else away
+    raised = {
+        f"{name}_error": jnp.hypot(getattr(fit, f"{name}_error"), zero)
+        for name, zero in zeros.items()
+    }
+    return replace(
+        fit,
+        standard_errors=unravel(jnp.hypot(errors, away)),
+        covariance=fit.covariance + jnp.outer(every, every),
+        **raised,
+    )
 
 
 def profile_of(found: Search, problem: FitProblem) -> LossProfile:

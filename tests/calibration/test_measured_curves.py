@@ -2,6 +2,7 @@
 
 import warnings
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -92,6 +93,31 @@ def test_a_tilt_is_that_of_another_fit_of_the_closed_form():
     assert str(fit).splitlines()[-1].split()[-1] == "MPa"
     with pytest.raises(ValueError, match="baseline is 'quadratic'"):
         fit_flat(forces, baseline="quadratic")
+
+
+def test_the_distance_of_a_fit_on_another_grid_is_among_the_errors():
+    fit = fit_flat(noisy(0))
+    other = eqx.tree_at(
+        lambda x: (x.parameters.length, x.offset),
+        fit,
+        (fit.parameters.length - 0.02, fit.offset + 1),
+    )
+    both = fit.with_error_of_grid(other)
+    errors = np.array([fit.standard_errors.length, fit.offset_error])
+    raised = [both.standard_errors.length, both.offset_error]
+    np.testing.assert_allclose(raised, np.hypot(errors, [0.02, 1]))
+    np.testing.assert_allclose(
+        both.standard_errors.surface_energy, fit.standard_errors.surface_energy
+    )
+    np.testing.assert_allclose(both.baseline_error, fit.baseline_error)
+    names = list(fit.names)
+    place = names.index("potential.length"), names.index("offset")
+    assert both.covariance[place] == pytest.approx(fit.covariance[place] - 0.02)
+    np.testing.assert_allclose(found(both), found(fit))
+    with pytest.raises(ValueError, match="fit the same"):
+        fit.with_error_of_grid(fit_flat(noisy(0), baseline="linear"))
+    with pytest.raises(TypeError, match="int is no fit"):
+        fit.with_error_of_grid(3)
 
 
 def test_the_profile_is_that_of_fits_with_the_work_held():
