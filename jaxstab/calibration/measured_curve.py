@@ -19,6 +19,8 @@ _PARTS = {
 }
 # One mean where no force acts for so many in contact.
 _FAR = 6
+# Jumps divide a few means.
+_SPARE = 6
 # A step of the tip is a jump if it exceeds the noise, and steps of the cantilever, so many times.
 _NOISES, _STEPS = 12.0, 5.0
 # Fewer points between two jumps are a tip on its way.
@@ -149,9 +151,10 @@ def _means(
     sizes = np.bincount(runs)
     is_whole = sizes[runs] >= _ON_ITS_WAY
     is_far = np.arange(len(height)) < line.number
+    num_far = max(points // _FAR, 2)
     bins = np.where(
         is_far,
-        _bins(height, height[is_far], max(points // _FAR, 2)),
+        _bins(height, height[is_far], num_far),
         points + _bins(height, height[~is_far], points),
     )
     chosen, keys = np.unique((runs * 3 * points + bins)[is_whole], return_inverse=True)
@@ -180,8 +183,12 @@ def _means(
             if np.sum(same) > 1:
                 slope = np.gradient(tips[same], middles[same])
                 weights[same] *= np.clip(slope, _LEAST_SLOPE, 1) ** 2
-    found = middles if is_spring else tips, forces, weights, moves
-    return found if is_down else tuple(column[::-1] for column in found)
+    columns = np.stack([middles if is_spring else tips, forces, weights, moves])
+    columns = columns if is_down else columns[:, ::-1]
+    # Curves of one number of means share compiled programs: the last is repeated without weight.
+    repeated = np.repeat(columns[:, -1:], max(points + num_far + _SPARE - len(chosen), 0), axis=1)
+    repeated[2] = 0
+    return tuple(np.concatenate([columns, repeated], axis=1))
 
 
 def _bend(position: np.ndarray, force: np.ndarray) -> float:
