@@ -1,20 +1,23 @@
 """The barrier to detachment along a growing tension, from few passes.
 
-The slope of a barrier over the load is known with it: at states of equilibrium the energy follows
-the load at a fixed gap, so that dB/dp0 is the difference of the mean gaps of saddle and state
-times the area. Between two passes the 2/3 power of the barrier, or before a release the 1/2 power,
-which are smooth up to the end of the branch, is a cubic with the values and slopes of both.
+The slope of a barrier over the load is known with it, as a transition can be differentiated: the
+energies of saddle and state follow the load at a fixed gap. Between two passes the 2/3 power of the
+barrier, or before a release the 1/2 power, which are smooth up to the end of the branch, is a cubic
+with the values and slopes of both.
 """
 
 from bisect import bisect_right
 from typing import NamedTuple
 
+import jax
 import numpy as np
 
 from jaxstab.branches.differentiable_limit import CriticalLoad
 from jaxstab.branches.kinds import KINDS
 from jaxstab.contact import Contact
+from jaxstab.core.checks import array
 from jaxstab.core.results import RESULTS
+from jaxstab.core.types import Scalar
 from jaxstab.equilibrium import Equilibrium, equilibrate
 from jaxstab.loading.path import Path
 from jaxstab.loads import MeanGap, MeanPressure
@@ -162,13 +165,17 @@ class BarrierCurve:
         number = int(np.flatnonzero(self._tensions <= tension * (1 + 1e-9))[-1])
         gaps = self._path.equilibrium.gap
         assert gaps is not None
-        found = transition(self._contact, MeanPressure(-tension), gaps[number], None)
-        near, far = found.minima[0], found.minima[1]
-        leads_back = near.result == RESULTS.successful and not are_apart(near, found.start)
+
+        def there(pressure: Scalar) -> tuple[Scalar, tuple[Equilibrium, Equilibrium]]:
+            found = transition(self._contact, MeanPressure(pressure), gaps[number], None)
+            return found.there, (found.start, found.minima)
+
+        barrier, slope, (start, (near, far)) = jax.jvp(
+            there, (array(-tension, gaps.dtype),), (array(1.0, gaps.dtype),), has_aux=True
+        )
+        leads_back = near.result == RESULTS.successful and not are_apart(near, start)
         self._is_direct &= bool(leads_back) and bool(far.result == RESULTS.pulled_off)
-        lift = found.saddle.mean_gap - found.start.mean_gap
-        barrier = max(float(found.there), 0.0)
-        return _Node(tension, barrier, -float(lift * found.start.area))
+        return _Node(tension, max(float(barrier), 0.0), -float(slope))
 
     def _has_jump(self, i: int) -> bool:
         """Return whether the state jumps between two passes."""

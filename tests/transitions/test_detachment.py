@@ -1,5 +1,7 @@
 """Thermal detachment beside quadratures of exact barriers."""
 
+from dataclasses import replace
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -8,6 +10,7 @@ from scipy.integrate import cumulative_trapezoid
 from scipy.interpolate import PchipInterpolator
 
 import jaxstab as js
+from jaxstab.core.units import Units
 
 WORK, RANGE = 0.03, 0.2
 RATES = np.geomspace(1, 1e6, 4)
@@ -133,16 +136,18 @@ def test_barriers_on_both_sides_of_a_jump_are_those_of_its_states(detaching):
 
 
 def test_a_detachment_prints_its_quantiles_with_units(detaching):
-    line, _ = detaching
-    flat = line.solid, jnp.zeros(12), line.potential
-    contact = js.Contact(*flat, unit="nm", pressure_unit="MPa")
-    options = {"thermal_energy": 1e-3, "attempt_rate": 1e6}
-    text = repr(js.detachment(contact, js.MeanPressure(-0.08), rate=[1.0, 1e3], **options))
-    head, life, barrier, passes, columns, _, *rows = text.splitlines()
+    contact, _ = detaching
+    options = {"thermal_energy": 2e-4, "attempt_rate": 1e9}
+    found = js.detachment(contact, js.MeanPressure(-0.08), rate=[1.0, 1e3], **options)
+    # A contact with units would have programs of its own.
+    state = replace(found.pull_off, units=Units("nm", "MPa", sides=1))
+    found = replace(found, pull_off=state)
+    head, life, barrier, passes, columns, _, *rows = repr(found).splitlines()
     assert head.startswith("Detachment: mean pressure -0.08 MPa, pull-off without thermal motion")
     assert "mean life" in life and "kT" in barrier and "computed barriers" in passes
     assert "rate" in columns and "median force [" in columns and len(rows) == 2
-    assert "rate" not in repr(js.detachment(contact, js.MeanPressure(-0.08), **options))
+    assert "rate" not in repr(replace(found, rate=None))
+    assert "minima between" in repr(replace(found, is_direct=jnp.array(False)))
 
 
 def test_loads_and_numbers_without_a_detachment_are_refused_with_the_cure(detaching):
@@ -172,3 +177,21 @@ def test_loads_and_numbers_without_a_detachment_are_refused_with_the_cure(detach
     found = js.detachment(contact, js.MeanPressure(-0.095), **options)
     with pytest.raises(ValueError, match=r"probability is 1.5: give numbers from 0 to 1"):
         found.quantile(1.5)
+
+
+# On a window the mean gap is no measure of the work of the load.
+@pytest.mark.nightly
+@pytest.mark.filterwarnings("ignore::jaxstab.WindowWarning")
+def test_barriers_of_a_window_are_those_of_its_passes():
+    grid = js.Grid(8, (1.0, 1.0))
+    sphere = js.surfaces.paraboloid(grid, radius=1.5)
+    law = js.potentials.Gaussian(0.05, 0.3)
+    contact = js.Contact(js.FreeHalfSpace(grid, 1.0), sphere, law)
+    options = {"thermal_energy": 3e-4, "attempt_rate": 1e9, "rate": 1.0}
+    found = js.detachment(contact, js.MeanPressure(-0.06), **options)
+    tension = -float(found.quantile(0.2))
+    start = js.equilibrate(contact, js.MeanPressure(0.0))
+    there = js.transition(contact, js.MeanPressure(-tension), start, None).there
+    between = np.interp(tension, -np.asarray(found.loads), found.barriers)
+    np.testing.assert_allclose(between, there, atol=0.01 * 3e-4)
+    assert found.num_passes < 6
