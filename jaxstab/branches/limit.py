@@ -154,8 +154,7 @@ def limit_ahead(contact: Contact, load: Load, gap: Field, ahead: Scalar) -> Limi
         tangent = direction_at(curve, condition, at, is_free, search.row, search.nothing)
         plane, row = _plane_behind(search, start, at, tangent)
         behind = correct(Correction(curve, plane, is_free), at, row, tangent, TOLERANCE[dtype.name])
-        is_on_curve, length = _is_on_curve(search, behind)
-        result = RESULTS.where(is_on_curve, RESULTS.successful, RESULTS.lost_branch)
+        is_on_curve, result, length = _begun(search, behind)
         branch = branch_from(behind.place, length, array(UNKNOWN), search.modes, result)
         return limit_of(search.problem, branch), is_on_curve
 
@@ -209,11 +208,13 @@ def _plane_behind(
 
 
 @program
-def _is_on_curve(search: _Ahead, found: Found) -> tuple[Flag, Scalar]:
-    """Return whether a branch goes on from the point found behind a state, and its first step."""
+def _begun(search: _Ahead, found: Found) -> tuple[Flag, RESULTS, Scalar]:
+    """Return whether a branch begins at the point found behind a state, and its first step."""
     place = found.place
     signs = jnp.where(place.is_free, place.at.gap, found.forces.net) > 0
-    return found.is_found & jnp.all(signs), _FIRST * search.problem.max_step
+    is_on_curve = found.is_found & jnp.all(signs)
+    result = RESULTS.where(is_on_curve, RESULTS.successful, RESULTS.lost_branch)
+    return is_on_curve, result, _FIRST * search.problem.max_step
 
 
 @program

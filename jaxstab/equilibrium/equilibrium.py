@@ -11,6 +11,7 @@ from jaxstab.contact.contact import Contact, require_contact
 from jaxstab.contact.residual import Balance
 from jaxstab.core import model
 from jaxstab.core.checks import are_finite, is_traced, require_shape
+from jaxstab.core.compile import program
 from jaxstab.core.display import Outcome
 from jaxstab.core.history import History
 from jaxstab.core.results import RESULTS
@@ -146,6 +147,7 @@ def equilibrium_at(
     )
 
 
+@program
 def state_at(contact: Contact, load: Load, gap: Field) -> Equilibrium:
     """Return the equilibrium of a gap that was found before."""
     balance = contact.balance(contact.control(load))(gap)

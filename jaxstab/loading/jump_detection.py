@@ -18,7 +18,7 @@ from jaxstab.branches.point import PathPoint, point_of
 from jaxstab.core.checks import concrete
 from jaxstab.core.control_flow import choose
 from jaxstab.core.results import RESULTS
-from jaxstab.core.types import Field, Flag, Scalar
+from jaxstab.core.types import Flag, Scalar
 from jaxstab.equilibrium import Equilibrium
 from jaxstab.loading.load_path import LoadPath, Start
 from jaxstab.loading.record import Event, Record
@@ -67,8 +67,7 @@ class Progress(eqx.Module):
         bisection: for the end of the branch.
         part: the number of the monotone part of the load path.
         is_apart: whether the load has pulled the surfaces apart.
-        gap: of the last state recorded.
-        num_states: of states recorded.
+        last_state: the number of the last state recorded.
         result: how it went so far.
     """
 
@@ -78,8 +77,7 @@ class Progress(eqx.Module):
     bisection: Bisection
     part: Int[Array, ""]
     is_apart: Flag
-    gap: Field
-    num_states: Int[Array, ""]
+    last_state: Int[Array, ""]
     result: RESULTS
 
     def is_open(self, load: Load) -> Flag:
@@ -217,39 +215,81 @@ def _outcome_of(
     )
 
 
+class Step(eqx.Module):
+    """A step that was taken, as far as load stepping records it.
+
+    Attributes:
+        ahead: how far it has led, with its sign [unit of the load].
+        dissipation: the loss of its jump [energy]; NaN where surfaces fall apart or touch.
+        is_state: whether it has led to a new state, of surfaces that are not apart.
+        is_jump: whether it has located a jump.
+        is_pulled: whether the surfaces fell apart in the jump.
+        is_touch: whether it has located a touch.
+    """
+
+    ahead: Scalar
+    dissipation: Scalar
+    is_state: Flag
+    is_jump: Flag
+    is_pulled: Flag
+    is_touch: Flag
+
+    def record(self, before: Progress, after: Progress) -> Record:
+        """Return its record, given the progress before and after it."""
+        event = Event(
+            before=before.here,
+            after=after.here,
+            ahead=self.ahead,
+            dissipation=self.dissipation,
+            state=before.last_state,
+            is_jump=self.is_jump,
+            is_pulled=self.is_pulled,
+            is_touch=self.is_touch,
+        )
+        is_event = concrete(self.is_jump) | concrete(self.is_touch)
+        return Record(after.here, self.is_state, event, is_event, after.part, after.result)
+
+
 def apply_step(
     load_path: LoadPath, progress: Progress, trial: TrialStep, equilibrium: Equilibrium
-) -> tuple[Progress, Record]:
-    """Return the progress after a step, from the equilibrium found, and what it has recorded."""
+) -> tuple[Progress, Step]:
+    """Return the progress after a step to an equilibrium, and the step.
+
+    1. Judge the step by the equilibrium.
+    2. If it is accepted, the path goes on from there, otherwise from where it was.
+    3. Narrow the bracket of the end of the branch, if a step has failed, and choose the length of
+       the next step.
+    """
     found = point_of(load_path.contact, equilibrium, trial.value)
-    result = equilibrium.result
-    outcome = _outcome_of(load_path, progress, trial, found, result)
+    outcome = _outcome_of(load_path, progress, trial, found, equilibrium.result)
     is_event = outcome.is_event
     accepts = outcome.is_accepted
-    is_apart = (progress.is_apart & ~outcome.is_touch) | outcome.is_pulled
+
     # The loss is unknown where surfaces fall apart, and states of separated ones are not recorded.
     lost = jnp.where(outcome.is_pulled | outcome.is_touch, jnp.nan, outcome.dissipation)
     new = replace(found, dissipation=progress.here.dissipation + jnp.where(is_event, lost, 0))
     here = choose(accepts, new, progress.here)
     last = choose(accepts, progress.here, progress.last)
-    event = Event(progress.here, here, lost, progress.num_states - 1, outcome.is_touch)
+    last = choose(is_event, here, last)
+    is_apart = (progress.is_apart & ~outcome.is_touch) | outcome.is_pulled
     is_state = accepts & ~is_apart
-    # The solver may find its way from further on, but not from anywhere.
-    has_failed = outcome.is_lost & (trial.is_end | (trial.length > load_path.max_step / _FURTHER))
+
     bisection = _bisected(load_path, progress.bisection, trial, outcome)
     next_length = _next_length(load_path, progress, trial, outcome)
+    # The solver may find its way from further on, but not from anywhere.
+    has_failed = outcome.is_lost & (trial.is_end | (trial.length > load_path.max_step / _FURTHER))
     after = Progress(
         here=here,
-        last=choose(is_event, here, last),
+        last=last,
         next_length=jnp.where(accepts & ~bisection.is_on, next_length, progress.next_length),
         bisection=bisection,
         part=progress.part + (accepts & trial.is_end),
         is_apart=is_apart,
-        gap=jnp.where(is_state, here.gap, progress.gap),
-        num_states=progress.num_states + is_state,
-        result=RESULTS.where(has_failed, result, progress.result),
+        last_state=progress.last_state + is_state,
+        result=RESULTS.where(has_failed, equilibrium.result, progress.result),
     )
-    return after, Record(here, is_state, event, is_event, after.part, after.result)
+    ahead = here.value - progress.here.value
+    return after, Step(ahead, lost, is_state, outcome.is_jump, outcome.is_pulled, outcome.is_touch)
 
 
 def _bisected(

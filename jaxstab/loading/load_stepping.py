@@ -18,12 +18,13 @@ from jaxstab.equilibrium import Equilibrium
 from jaxstab.loading.jump_detection import (
     Bisection,
     Progress,
+    Step,
     TrialStep,
     apply_step,
     next_step,
 )
 from jaxstab.loading.load_path import LoadPath, Start
-from jaxstab.loading.record import Event, Record
+from jaxstab.loading.record import Record
 from jaxstab.loads import Load
 
 
@@ -51,7 +52,8 @@ def step_to_end(
         empty: returns empty records for records like one.
     """
     first = _first_start(load_path, start).equilibrium(load_path.contact)
-    progress, trial, record = _first_state(load_path, first)
+    progress, trial, none = _first_state(load_path, first)
+    record = none.record(progress, progress)
     records = empty(record).append(record)
 
     def goes_on(state: tuple[Progress, TrialStep, Records]) -> Flag:
@@ -61,9 +63,10 @@ def step_to_end(
     def step(state: tuple[Progress, TrialStep, Records]) -> tuple[Progress, TrialStep, Records]:
         progress, trial, records = state
         found = trial.start.equilibrium(load_path.contact)
-        progress, trial, record = _judged(load_path, progress, trial, found)
+        after, next_trial, taken = _judged(load_path, progress, trial, found)
+        record = taken.record(progress, after)
         advance_to(lambda: int(100 * fraction_done(load_path.load, record)))
-        return progress, trial, records.append(record)
+        return after, next_trial, records.append(record)
 
     progress, _, records = while_loop(goes_on, step, (progress, trial, records))
     return progress, records
@@ -72,10 +75,10 @@ def step_to_end(
 @program
 def _judged(
     load_path: LoadPath, progress: Progress, trial: TrialStep, found: Equilibrium
-) -> tuple[Progress, TrialStep, Record]:
-    """Return the progress after a step, the next one to try, and what the step has recorded."""
-    after, record = apply_step(load_path, progress, trial, found)
-    return after, next_step(load_path, after), record
+) -> tuple[Progress, TrialStep, Step]:
+    """Return the progress after a step, the next one to try, and the step."""
+    after, taken = apply_step(load_path, progress, trial, found)
+    return after, next_step(load_path, after), taken
 
 
 @program
@@ -85,8 +88,8 @@ def _first_start(load_path: LoadPath, start: Field) -> Start:
 
 
 @program
-def _first_state(load_path: LoadPath, found: Equilibrium) -> tuple[Progress, TrialStep, Record]:
-    """Return the progress at the first turning point, the first step to try, and a record."""
+def _first_state(load_path: LoadPath, found: Equilibrium) -> tuple[Progress, TrialStep, Step]:
+    """Return the progress at the first turning point, the first step to try, and none before."""
     turns = load_path.load.value
     none = jnp.array(0)
     here = point_of(load_path.contact, found, turns[0])
@@ -108,13 +111,10 @@ def _first_state(load_path: LoadPath, found: Equilibrium) -> tuple[Progress, Tri
         bisection=Bisection(zero + jnp.inf, zero, load_path.resolution),
         part=none,
         is_apart=no,
-        gap=here.gap,
-        num_states=none + 1,
+        last_state=none,
         result=result,
     )
-    event = Event(here, here, zero, none, no)
-    record = Record(here, yes, event, no, none, result)
-    return progress, next_step(load_path, progress), record
+    return progress, next_step(load_path, progress), Step(zero, zero, yes, no, no, no)
 
 
 def fraction_done(load: Load, record: Record) -> float:

@@ -16,7 +16,7 @@ from jaxstab.branches.tables import load_column, measured_columns
 from jaxstab.contact import Contact, require_contact, require_same_contact
 from jaxstab.core import display
 from jaxstab.core.checks import require_known
-from jaxstab.core.compile import own_conventions, program
+from jaxstab.core.compile import own_conventions
 from jaxstab.core.stack import Stackable, nothing_like, stacked
 from jaxstab.core.types import Field
 from jaxstab.core.units import NUMBER, axes_of, dimensions
@@ -154,10 +154,7 @@ def _gaps(contact: Contact, equilibrium: States | Equilibrium) -> np.ndarray:
 def _state(contact: Contact, load: Load, gap: np.ndarray) -> Equilibrium:
     problem = posed(contact, load)
     start = start_from(problem.contact, problem.state, jax.device_put(gap))
-    return as_given(_state_at(problem.contact, problem.state, start), problem)
-
-
-_state_at = program(state_at)
+    return as_given(state_at(problem.contact, problem.state, start), problem)
 
 
 def _row(observable: Callable[..., Any], contact: Contact, state: Equilibrium) -> Observable:

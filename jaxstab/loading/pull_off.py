@@ -21,9 +21,9 @@ from jaxstab.equilibrium import Equilibrium, equilibrate
 from jaxstab.equilibrium.equilibrium import single_start
 from jaxstab.equilibrium.posing import finished, posed
 from jaxstab.equilibrium.start import Initial, given_gap, start_from
-from jaxstab.loading.load_path import DISTURBANCE, LoadPath, load_path_of
+from jaxstab.loading.load_path import DISTURBANCE, load_path_of
 from jaxstab.loading.load_stepping import step_to_end
-from jaxstab.loading.record import Event, Strongest, no_jump
+from jaxstab.loading.record import Strongest, no_jump
 from jaxstab.loads import Load, MeanPressure, Spring
 
 # Only the jump from the largest tension matters.
@@ -104,26 +104,19 @@ def _search(contact: Contact, load: Load, start: Field) -> tuple[Limit, Equilibr
     load_path = load_path_of(contact, load, _SMALLEST_JUMP, DISTURBANCE, resolution=resolution)
     ended, strongest = step_to_end(load_path, start, no_jump)
     jump = strongest.event
-    before, ahead = _before(load_path, jump)
-    limit = limit_ahead(contact, before, jump.before.gap, ahead)
-    return jax.block_until_ready(_concluded(contact, before, ended.result, strongest, limit))
+    before = load_path.at(jump.before.value)
+    limit = limit_ahead(contact, before, jump.before.gap, jump.ahead)
+    limit = replace(limit, result=_result(contact, ended.result, strongest, limit))
+    return jax.block_until_ready((limit, jump.equilibrium_after(contact, before)))
 
 
 @program
-def _before(load_path: LoadPath, jump: Event) -> tuple[Load, Scalar]:
-    """Return the load before a jump, and how far ahead of it the load of the jump lies."""
-    return load_path.at(jump.before.value), jump.ahead
-
-
-@program
-def _concluded(
-    contact: Contact, load: Load, ended: RESULTS, strongest: Strongest, limit: Limit
-) -> tuple[Limit, Equilibrium]:
+def _result(contact: Contact, ended: RESULTS, strongest: Strongest, limit: Limit) -> RESULTS:
+    """Return how the search ended, given how load stepping did."""
     result = RESULTS.where(strongest.is_found, limit.result, RESULTS.no_jump)
     result = RESULTS.where(ended == RESULTS.successful, result, ended)
     attracts = contact.profile.max_attraction > 0
-    result = RESULTS.where(attracts, result, RESULTS.no_attraction)
-    return replace(limit, result=result), strongest.event.state_after(contact, load)
+    return RESULTS.where(attracts, result, RESULTS.no_attraction)
 
 
 def _start(contact: Contact, initial: Initial) -> tuple[MeanPressure, Field]:

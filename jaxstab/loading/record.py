@@ -1,4 +1,14 @@
-"""The states and jumps that load stepping records, in stores of a bounded size."""
+"""The records that load stepping makes, step by step, and stores for them.
+
+1. A step makes a `Record`: of the state that it has led to, if that is a new one, and of the jump
+   that it has located, if there is one.
+2. A store takes the records in order, by `append`, until it is full. Outside of a trace, where a
+   path has as many states as it needs, that is `Recording`; within a program it is `Tables`, made
+   by `Room`, of a bounded size. Where the strongest jump alone matters, it is `Strongest`.
+3. At the end the equilibria before and after a jump are computed from the gaps in its `Event`.
+"""
+
+from dataclasses import replace
 
 import equinox as eqx
 import jax
@@ -8,43 +18,65 @@ from jaxtyping import Array, Int
 from jaxstab.branches.point import PathPoint
 from jaxstab.contact import Contact
 from jaxstab.core.compile import program
-from jaxstab.core.control_flow import choose, cond
+from jaxstab.core.control_flow import cond
 from jaxstab.core.results import RESULTS
 from jaxstab.core.stack import nothing_like
 from jaxstab.core.table import Table
-from jaxstab.core.types import Flag, Scalar
+from jaxstab.core.types import Field, Flag, Scalar
 from jaxstab.equilibrium import Equilibrium
 from jaxstab.equilibrium.equilibrium import detached_where, state_at
 from jaxstab.loads import Load
 
 
 class Event(eqx.Module):
-    """A jump: its two states, its loss, the number of its state, whether it is a touch."""
+    """A jump along a load path, or a touch of surfaces that were apart.
+
+    An empty row of a table is neither.
+
+    Attributes:
+        before: the state before.
+        after: the state after it, at the next load.
+        ahead: how far ahead that load lies, with its sign.
+        dissipation: the energy lost [energy]; NaN where surfaces fall apart or touch.
+        state: the number of the state before, among those recorded.
+        is_jump: whether it is a jump, from the end of a branch.
+        is_pulled: whether the surfaces fall apart in the jump.
+        is_touch: whether it is a touch.
+    """
 
     before: PathPoint
     after: PathPoint
+    ahead: Scalar
     dissipation: Scalar
     state: Int[Array, ""]
+    is_jump: Flag
+    is_pulled: Flag
     is_touch: Flag
 
-    @property
-    def ahead(self) -> Scalar:
-        """How far ahead of the state before the load of the one after lies, with its sign."""
-        return self.after.value - self.before.value
+    def equilibrium_before(self, contact: Contact, load: Load) -> Equilibrium:
+        """Return the equilibrium before it, given the load at any value."""
+        return _equilibrium_unless(self.is_touch, contact, load, self.before)
 
-    def state_before(self, contact: Contact, one: Load) -> Equilibrium:
-        """Return the equilibrium before it, given the load there at any value."""
-        return _state_unless(self.is_touch, contact, one, self.before)
-
-    def state_after(self, contact: Contact, one: Load) -> Equilibrium:
-        """Return the equilibrium after it, given the load there at any value."""
-        is_pulled = ~self.is_touch & jnp.isnan(self.dissipation)
-        return _state_unless(is_pulled, contact, one, self.after)
+    def equilibrium_after(self, contact: Contact, load: Load) -> Equilibrium:
+        """Return the equilibrium after it, given the load at any value."""
+        return _equilibrium_unless(self.is_pulled, contact, load, self.after)
 
 
-def _state_unless(is_apart: Flag, contact: Contact, one: Load, point: PathPoint) -> Equilibrium:
+def _equilibrium_unless(
+    is_apart: Flag, contact: Contact, load: Load, point: PathPoint
+) -> Equilibrium:
     """Return the equilibrium of a point; where surfaces are apart there is none."""
-    return detached_where(is_apart, state_at(contact, one.at(point.value), point.gap))
+    load = load.at(point.value)
+    return cond(
+        is_apart,
+        lambda: _none(contact, load, point.gap),
+        lambda: state_at(contact, load, point.gap),
+    )
+
+
+@program
+def _none(contact: Contact, load: Load, gap: Field) -> Equilibrium:
+    return detached_where(jnp.array(True), state_at(contact, load, gap))
 
 
 class Record(eqx.Module):
@@ -53,7 +85,7 @@ class Record(eqx.Module):
     Attributes:
         point: the state.
         is_state: whether it is a new one, of surfaces that are not apart.
-        event: the jump.
+        event: the jump or the touch.
         is_event: whether there is one.
         part: the number of the monotone part of the load path.
         result: how load stepping went so far.
@@ -77,14 +109,22 @@ class Room(eqx.Module):
     def __call__(self, like: Record) -> "Tables":
         """Return empty tables for records like one."""
         states = Table.like(like.point, self.num_states, self.fields)
-        return Tables(states, Table.like(like.event, self.num_jumps))
+        jumps = Table.like(like.event, self.num_jumps)
+        return Tables(states, jumps, like.point.gap)
 
 
 class Tables(eqx.Module):
-    """The states and the jumps of a path within a program, in room for a number of them."""
+    """The states and the jumps of a path within a program, in room for a number of them.
+
+    Attributes:
+        states: the states.
+        jumps: the jumps and touches.
+        gap: of the last state [length].
+    """
 
     states: Table[PathPoint]
     jumps: Table[Event]
+    gap: Field
 
     @property
     def is_full(self) -> Flag:
@@ -92,13 +132,19 @@ class Tables(eqx.Module):
         return self.states.is_full | self.jumps.is_full
 
     def append(self, record: Record) -> "Tables":
-        """Return the tables with what a step has recorded."""
+        """Return the tables with the record of a step."""
         states = self.states.with_entry(record.point, record.is_state)
-        return Tables(states, self.jumps.with_entry(record.event, record.is_event))
+        jumps = self.jumps.with_entry(record.event, record.is_event)
+        return Tables(states, jumps, jnp.where(record.is_state, record.point.gap, self.gap))
 
 
 class Strongest(eqx.Module):
-    """Of all jumps the first from the largest tension [pressure], NaN where there is none."""
+    """Of all jumps the first from the largest tension.
+
+    Attributes:
+        event: the jump, NaN where there is none.
+        tension: the tension before it [pressure], -inf where there is none.
+    """
 
     event: Event
     tension: Scalar
@@ -114,19 +160,23 @@ class Strongest(eqx.Module):
         return False
 
     def append(self, record: Record) -> "Strongest":
-        """Return the stronger one of this and the jump of a step, if that is no touch."""
-        return cond(record.is_event, lambda: _stronger(self, record.event), lambda: self)
+        """Return the stronger one of this and the jump of a step, if there is one."""
+        return cond(record.event.is_jump, lambda: self._or(record.event), lambda: self)
+
+    def _or(self, event: Event) -> "Strongest":
+        tension, is_stronger = _compared(self.tension, event.before.mean_pressure)
+        return cond(is_stronger, lambda: Strongest(event, tension), lambda: self)
 
 
 @program
 def no_jump(like: Record) -> Strongest:
-    """Return that there is no jump as yet, of records like one."""
+    """Return that there is no jump as yet, of records like one, and no state after it."""
     event = jax.tree.map(nothing_like, like.event)
+    event = replace(event, is_pulled=jnp.array(True))
     return Strongest(event, jnp.full_like(like.event.dissipation, -jnp.inf))
 
 
 @program
-def _stronger(strongest: Strongest, event: Event) -> Strongest:
-    tension = -event.before.mean_pressure
-    is_stronger = ~event.is_touch & (tension > strongest.tension)
-    return choose(is_stronger, Strongest(event, tension), strongest)
+def _compared(largest: Scalar, mean_pressure: Scalar) -> tuple[Scalar, Flag]:
+    """Return the tension of a mean pressure, and whether it is larger than another one."""
+    return -mean_pressure, -mean_pressure > largest

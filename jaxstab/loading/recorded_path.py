@@ -20,7 +20,7 @@ from jaxstab.core.control_flow import by_entries, cond
 from jaxstab.core.interrupts import interrupts_after
 from jaxstab.core.results import RESULTS
 from jaxstab.core.stack import first_entries, stacked
-from jaxstab.core.types import Field, Flag, Scalar
+from jaxstab.core.types import Field, Scalar
 from jaxstab.loading.load_path import LoadPath
 from jaxstab.loading.load_stepping import step_to_end
 from jaxstab.loading.path import Jump, Path
@@ -103,7 +103,7 @@ def path_with_room(room: Room, load_path: LoadPath, start: Field) -> Path:
     ended, tables = step_to_end(load_path, start, room)
     is_short = ended.is_open(load)
     result = RESULTS.where(is_short, RESULTS.store_full, ended.result)
-    path = _path(load_path, ended.here, ended.gap, result, tables.states.rows)
+    path = _path(load_path, ended.here, tables.gap, result, tables.states.rows)
     return replace(path, jumps=jax.lax.map(partial(_jump, contact, load), tables.jumps.rows))
 
 
@@ -135,20 +135,22 @@ def path_of(record: Recording, result: RESULTS) -> Path:
 @in_pieces
 def _jump(contact: Contact, loads: Load, event: Event) -> Jump:
     """Return a jump with the end of the branch that it leaves."""
-    load, ahead, is_end = _before(loads, event)
+    load = loads[0].at(event.before.value)
 
     def explained() -> tuple[KINDS, Field, BarrierLaw]:
-        return _explained(contact, limit_ahead(contact, load, event.before.gap, ahead))
+        return _explained(contact, limit_ahead(contact, load, event.before.gap, event.ahead))
 
-    kind, mode, law = cond(is_end, explained, lambda: _unexplained(load, event))
-    return _jump_of(contact, load, event, kind, mode, law)
-
-
-@program
-def _before(loads: Load, event: Event) -> tuple[Load, Scalar, Flag]:
-    """Return the load before a jump, how far ahead it jumps, and whether it leaves a branch."""
-    value = event.before.value
-    return loads[0].at(value), event.ahead, jnp.isfinite(value) & ~event.is_touch
+    kind, mode, law = cond(event.is_jump, explained, lambda: _unexplained(load, event))
+    return Jump(
+        load=load,
+        kind=kind,
+        before=event.equilibrium_before(contact, load),
+        after=event.equilibrium_after(contact, load),
+        mode=mode,
+        dissipation=event.dissipation,
+        state=event.state,
+        barrier_law=law,
+    )
 
 
 @program
@@ -161,23 +163,8 @@ def _explained(contact: Contact, limit: Limit) -> tuple[KINDS, Field, BarrierLaw
 def _unexplained(load: Load, event: Event) -> tuple[KINDS, Field, BarrierLaw]:
     gap = event.before.gap
     nan = jnp.full((), jnp.nan, gap.dtype)
-    return KINDS.fold, jnp.full_like(gap, nan), BarrierLaw(nan, nan, nan, load.unit)
-
-
-@program
-def _jump_of(
-    contact: Contact, load: Load, event: Event, kind: KINDS, mode: Field, law: BarrierLaw
-) -> Jump:
-    return Jump(
-        load=load,
-        kind=KINDS.where(event.is_touch, KINDS.touch, kind),
-        before=event.state_before(contact, load),
-        after=event.state_after(contact, load),
-        mode=mode,
-        dissipation=event.dissipation,
-        state=event.state,
-        barrier_law=law,
-    )
+    law = BarrierLaw(nan, nan, nan, load.unit)
+    return KINDS.where(event.is_touch, KINDS.touch, KINDS.fold), jnp.full_like(gap, nan), law
 
 
 @program
