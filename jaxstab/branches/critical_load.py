@@ -24,7 +24,7 @@ from jaxstab.contact import Contact, require_contact
 from jaxstab.contact.resolution import FOR_JUMPS, warn_if_coarse
 from jaxstab.core.checks import array
 from jaxstab.core.compile import in_pieces, own_conventions, program
-from jaxstab.core.control_flow import choose, cond, while_loop
+from jaxstab.core.control_flow import cond, while_loop
 from jaxstab.core.grid import mean
 from jaxstab.core.interrupts import interrupts_held
 from jaxstab.core.progress import advance_if_known, advance_to, progress_bar
@@ -132,51 +132,44 @@ def _find(contact: Contact, bracket: Load, starts: Starts) -> Limit:
     advance_if_known(first)
 
     def from_second() -> Limit:
-        second = _limit(contact, _reversed(bracket), starts[1])
+        second = _limit(contact, bracket[::-1], starts[1])
         advance_if_known(second)
         return cond(_is_answer(second), lambda: second, lambda: first)
 
     return cond(_is_answer(first), lambda: first, from_second)
 
 
-@program
-def _reversed(loads: Load) -> Load:
-    return loads[::-1]
-
-
 def _is_answer(limit: Limit) -> Flag:
     return limit.is_found | (limit.result == RESULTS.lost_branch)
 
 
-class _Search(eqx.Module):
-    """The limit of the branch before, or none yet, and where its next branch is sought.
+class _Attempt(eqx.Module):
+    """The search for a branch beyond a limit.
 
     Attributes:
-        limit: the last limit.
-        first: the load at which the search began.
-        last: the load at which it ends.
-        value: the load at which the next branch begins.
-        step: how far this lies beyond the limit, or the last load that was tried.
+        loads: the load at which it begins, and the last one.
+        step: how far the first lies beyond the limit, or beyond the load that was tried before.
+        max_move: how far a step of the solver may move a point there.
         number: of branches that were followed.
         is_over: whether the limit is the answer.
         is_stuck: whether no stable state has been found behind it yet.
         is_open: whether another branch is to be followed.
     """
 
-    limit: Limit
-    first: Scalar
-    last: Scalar
-    value: Scalar
+    loads: Load
     step: Scalar
+    max_move: Scalar
     number: Int[Array, ""]
     is_over: Flag
     is_stuck: Flag
     is_open: Flag
 
-    def looked_at(self) -> "_Search":
-        """Return the search with a flag that tells whether it goes on."""
-        is_ahead = (self.last - self.value) * (self.last - self.first) > 0
-        return replace(self, is_open=~self.is_over & is_ahead)
+
+class _Search(eqx.Module):
+    """The limit of the branch before, or none yet, and where the next branch is sought."""
+
+    limit: Limit
+    attempt: _Attempt
 
 
 def _limit(contact: Contact, loads: Load, start: Field) -> Limit:
@@ -184,75 +177,75 @@ def _limit(contact: Contact, loads: Load, start: Field) -> Limit:
 
     At a contact edge that moves by one point of the grid a release may lose next to nothing. Then
     the next branch counts as the same one.
+
+    1. Find an equilibrium: first at the first load, then just beyond the last release, from there.
+    2. If there is none beyond the release, or energy has been lost, the release is the answer.
+    3. Otherwise follow the branch of the equilibrium to its limit.
+    4. If that is a release, repeat from 1 beyond it.
+    5. If the branch was lost, or has not left the release before, repeat from 1 farther beyond.
+    6. If it is any other limit, or the branch has none, that is the answer.
     """
-    search = _begun(contact, loads, start)
+    none, attempt = _begun(contact, loads, start)
 
     def next_limit(search: _Search) -> _Search:
-        rest = _rest(loads, search)
-        found = _found(contact, rest, search)
-        is_over = _is_left(contact, search, found)
+        attempt = search.attempt
+        tolerance = _TOLERANCE[contact.heights.dtype.name]
+        solver = PreconditionedConjugateGradient(max_move=attempt.max_move, tolerance=tolerance)
+        found = find(contact, attempt.loads[0], solver, search.limit.gap)
+        result, is_left = _is_left(contact, search, found)
+        found = replace(found, result=result)
         limit, is_stable = cond(
-            is_over,
+            is_left,
             lambda: (search.limit, array(True)),
-            lambda: _limit_from(contact, rest, found),
+            lambda: _limit_from(contact, attempt.loads, found),
         )
-        return _followed(search, limit, is_stable, is_over)
+        attempt = _next_attempt(search, loads, limit, is_stable, is_left)
+        return _Search(cond(attempt.is_stuck, lambda: search.limit, lambda: limit), attempt)
 
-    return _concluded(while_loop(lambda search: search.is_open, next_limit, search))
+    search = while_loop(lambda search: search.attempt.is_open, next_limit, _Search(none, attempt))
+    return replace(search.limit, result=_result(search))
 
 
 @program
-def _begun(contact: Contact, loads: Load, start: Field) -> _Search:
-    first, last = loads.value.astype(contact.heights.dtype)
+def _begun(contact: Contact, loads: Load, start: Field) -> tuple[Limit, _Attempt]:
+    """Return that no limit is known, and the search for the first branch."""
+    dtype = contact.heights.dtype
+    loads = loads.at(loads.value.astype(dtype))
     no = jnp.array(False)
-    none = jnp.array(0)
-    limit = no_limit(contact, loads[0], start)
-    search = _Search(limit, first, last, first, jnp.zeros_like(first), none, no, no, no)
-    return replace(search, step=_just_beyond(search)).looked_at()
+    infinite = jnp.full((), jnp.inf, dtype)
+    # Between equal loads, or such that are not finite, no branch is followed.
+    is_open = (loads.value[1] - loads.value[0]) ** 2 > 0
+    attempt = _Attempt(loads, _just_beyond(loads), infinite, jnp.zeros((), int), no, no, is_open)
+    return no_limit(contact, loads[0], start), attempt
 
 
-def _just_beyond(search: _Search) -> Scalar:
+def _just_beyond(loads: Load) -> Scalar:
     """Return how far behind a release the next branch is sought."""
-    first = search.first
-    last = search.last
+    first, last = loads.value
     rounding = 4 * jnp.finfo(first.dtype).eps * jnp.maximum(jnp.abs(first), jnp.abs(last))
     return jnp.sign(last - first) * jnp.maximum(_BEYOND * jnp.abs(last - first), rounding)
 
 
 @program
-def _rest(loads: Load, search: _Search) -> Load:
-    """Return the loads between which the next branch is followed."""
-    return loads.at(jnp.stack([search.value, search.last]))
-
-
-@program
-def _found(contact: Contact, rest: Load, search: _Search) -> Equilibrium:
-    """Return the equilibrium with which the next branch begins."""
-    dtype = contact.heights.dtype
-    farthest = jnp.where(search.number == 0, jnp.inf, _MAX_MOVE).astype(dtype)
-    solver = PreconditionedConjugateGradient(max_move=farthest, tolerance=_TOLERANCE[dtype.name])
-    found = find(contact, rest[0], solver, search.limit.gap)
-    is_close = (found.result == RESULTS.stagnated) & (found.residual <= _ROUNDED[dtype.name])
-    return replace(found, result=RESULTS.where(is_close, RESULTS.successful, found.result))
-
-
-@program
-def _is_left(contact: Contact, search: _Search, found: Equilibrium) -> Flag:
-    """Return whether the branch has been left for good at the limit before."""
+def _is_left(contact: Contact, search: _Search, found: Equilibrium) -> tuple[RESULTS, Flag]:
+    """Return how an equilibrium was found, and whether the branch was left for good before it."""
+    close = _ROUNDED[contact.heights.dtype.name]
+    is_close = (found.result == RESULTS.stagnated) & (found.residual <= close)
+    result = RESULTS.where(is_close, RESULTS.successful, found.result)
 
     def potential(load: Load, gap: Field) -> tuple[Scalar, Scalar]:
         fields, _ = fields_of(contact, load, gap)
         held, force = supply_of(contact, load, mean(gap), fields["mean_pressure"])
         return fields["energy"] + held, force
 
-    is_found = found.result == RESULTS.successful
-    before, force = potential(search.limit.load, search.limit.gap)
+    limit = search.limit
+    before, force = potential(limit.load, limit.gap)
     after, force_after = potential(found.load, found.gap)
     # Behind a release the force is another one.
-    force = jnp.where(search.limit.is_found, force_after, force)
-    work = (search.value - search.limit.load.value) * (force + force_after) / 2
-    threshold = _SMALLEST_LOSS * characteristic_energy(contact)
-    return (search.number > 0) & (~is_found | (before + work - after > threshold))
+    force = jnp.where(limit.is_found, force_after, force)
+    work = (found.load.value - limit.load.value) * (force + force_after) / 2
+    is_lost = before + work - after > _SMALLEST_LOSS * characteristic_energy(contact)
+    return result, (search.attempt.number > 0) & ((result != RESULTS.successful) | is_lost)
 
 
 def _limit_from(contact: Contact, loads: Load, found: Equilibrium) -> tuple[Limit, Flag]:
@@ -261,56 +254,69 @@ def _limit_from(contact: Contact, loads: Load, found: Equilibrium) -> tuple[Limi
     An unstable one is on no stable branch.
     """
     problem, branch = begin(contact, loads, found, to_limit=True)
-    branch, is_stable = _if_stable(branch)
-    return limit_of(problem, branch), is_stable
+    result, is_stable = _if_stable(branch)
+    return limit_of(problem, replace(branch, result=result)), is_stable
 
 
 @program
-def _if_stable(branch: BranchState) -> tuple[BranchState, Flag]:
+def _if_stable(branch: BranchState) -> tuple[RESULTS, Flag]:
     is_stable = branch.step.index == 0
     result = RESULTS.where(is_stable, RESULTS.successful, RESULTS.no_fold)
-    result = RESULTS.where(branch.result == RESULTS.successful, result, branch.result)
-    return replace(branch, result=result), is_stable
+    return RESULTS.where(branch.result == RESULTS.successful, result, branch.result), is_stable
 
 
 @program
-def _followed(search: _Search, limit: Limit, is_stable: Flag, is_over: Flag) -> _Search:
-    """Return the search after another branch, from its limit and whether it began stable."""
-    first = search.first
-    last = search.last
+def _next_attempt(
+    search: _Search, loads: Load, limit: Limit, is_stable: Flag, is_left: Flag
+) -> _Attempt:
+    """Return the next attempt, from the limit of a branch and whether it began stable.
+
+    Arguments:
+        search: the search before.
+        loads: the first and the last load.
+        limit: the limit of the branch.
+        is_stable: whether the branch began stable.
+        is_left: whether the limit before is the answer.
+    """
     old = search.limit
-    over = _OVER * (last - first)
+    attempt = search.attempt
+    first, last = loads.value.astype(attempt.step.dtype)
+    value = attempt.loads.value[0]
     # Right behind a release the solver may stay where the point has not opened yet.
     is_lost = limit.result == RESULTS.lost_branch
-    distance = jnp.abs(search.value - old.load.value)
+    distance = jnp.abs(value - old.load.value)
     is_near = jnp.abs(limit.load.value - old.load.value) <= _NEAR * distance
-    is_stuck = (search.number > 0) & (~is_stable | (is_lost & is_near & old.is_found))
-    limit = choose(is_stuck, old, limit)
+    is_stuck = (attempt.number > 0) & (~is_stable | (is_lost & is_near & old.is_found))
     is_lost |= is_stuck
-    is_over |= ~is_lost & (~limit.is_found | (limit.kind != KINDS.release))
+    is_release = limit.is_found & (limit.kind == KINDS.release)
+    is_over = is_left | (~is_lost & ~is_release)
     # Never back, so that the search has an end.
-    is_ahead = (limit.load.value - search.value) * (last - first) > 0
-    reached = jnp.where(is_ahead, limit.load.value, search.value)
-    is_short = jnp.abs(_GROWTH * search.step) < jnp.abs(over)
-    farther = jnp.where(is_stuck & is_short, _GROWTH * search.step, over)
-    step = jnp.where(is_lost, farther, _just_beyond(search))
-    return replace(
-        search,
-        limit=limit,
-        value=reached + step,
+    reached = jnp.where(is_stuck, old.load.value, limit.load.value)
+    reached = jnp.where((reached - value) * (last - first) > 0, reached, value)
+    over = _OVER * (last - first)
+    is_short = jnp.abs(_GROWTH * attempt.step) < jnp.abs(over)
+    farther = jnp.where(is_stuck & is_short, _GROWTH * attempt.step, over)
+    step = jnp.where(is_lost, farther, _just_beyond(loads).astype(farther.dtype))
+    value = reached + step
+    return _Attempt(
+        loads=loads.at(jnp.stack([value, last])),
         step=step,
-        number=search.number + 1,
+        max_move=jnp.full_like(attempt.max_move, _MAX_MOVE),
+        number=attempt.number + 1,
         is_over=is_over,
         is_stuck=is_stuck,
-    ).looked_at()
+        is_open=~is_over & ((last - value) * (last - first) > 0),
+    )
 
 
 @program
-def _concluded(search: _Search) -> Limit:
+def _result(search: _Search) -> RESULTS:
+    """Return how a search for a limit has ended."""
+    attempt = search.attempt
     result = search.limit.result
-    is_lost = (search.number > 0) & (search.is_stuck | (result == RESULTS.lost_branch))
+    is_lost = (attempt.number > 0) & (attempt.is_stuck | (result == RESULTS.lost_branch))
     otherwise = RESULTS.where(is_lost, RESULTS.lost_branch, RESULTS.no_fold)
-    return replace(search.limit, result=RESULTS.where(search.is_over, result, otherwise))
+    return RESULTS.where(attempt.is_over, result, otherwise)
 
 
 def _describe(bracket: Load, found: CriticalLoad) -> str:

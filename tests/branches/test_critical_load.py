@@ -265,6 +265,20 @@ def test_entries_of_a_batch_are_those_alone_and_a_failed_one_harms_no_other(fold
     assert compiled == []
 
 
+def test_equilibria_and_modes_are_found_by_one_program_each():
+    # A grid of a shape that no other test has, so that nothing is compiled before.
+    heights = 0.01 * jnp.cos(2 * jnp.pi * jnp.arange(11) / 11)[:, None] * jnp.ones(9)
+    contact = js.Contact(
+        js.HalfSpace(js.Grid((11, 9)), 1.0), heights, js.potentials.Exponential(0.01, 0.1)
+    )
+    js.equilibrate(contact, js.MeanPressure(0.0))
+    with compilations() as compiled:
+        js.critical_load(contact, js.MeanPressure(jnp.array([0.0, -0.2])))
+    # The start shares its program with `equilibrate`, the mode of the end with the Morse index.
+    names = ("_found", "_lowest_modes", "_newton")
+    assert [compiled.count(f"jit({name})") for name in names] == [0, 1, 1]
+
+
 def test_where_no_fold_is_the_user_is_told():
     ends = jnp.array([1.4, 1.35])
     found = find(VALUES, ends)

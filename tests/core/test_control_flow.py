@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from jaxstab.core import control_flow
-from jaxstab.core.control_flow import by_entries
+from jaxstab.core.control_flow import by_entries, first_good
 
 
 def iterate(start, factor):
@@ -53,3 +53,20 @@ def test_a_program_has_a_loop_over_entries_on_the_cpu_alone():
         for platform, loops in (("cuda", 1), ("cpu", 2)):
             program = jax.export.export(solve, platforms=[platform])(STARTS, FACTORS[1])
             assert program.mlir_module().count("stablehlo.while") == loops
+
+
+@pytest.mark.parametrize(("least", "expected", "number"), [(2, 2, 2), (5, 5, 3), (6, 1, 3)])
+def test_the_first_good_result_of_several_choices_is_taken(least, expected, number):
+    choices = [jnp.array(number) for number in (1, 2, 5)]
+    computed = []
+
+    def square(number):
+        computed.append(number)
+        return number**2
+
+    def found():
+        return first_good(square, lambda result: result >= least**2, choices)
+
+    assert found() == expected**2
+    assert len(computed) == number
+    assert jax.jit(found)() == expected**2
