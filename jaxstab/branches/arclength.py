@@ -197,7 +197,7 @@ class _Account(eqx.Module):
     kind: KINDS
 
 
-class _Turn(eqx.Module):
+class _TurnInStep(eqx.Module):
     """A turning point or a bifurcation in a step.
 
     Attributes:
@@ -238,7 +238,7 @@ def take_step(problem: ContinuationProblem, step: ArclengthStep) -> ArclengthSte
         events = _events_in(problem, step, target, judgement, reached)
         account = _account_of(problem, step, target, judgement, reached, events)
         direction = events.new.tangent.gap
-        turn = _Turn(account.turns, account.agrees, events.fold, account.kind, direction)
+        turn = _TurnInStep(account.turns, account.agrees, events.fold, account.kind, direction)
         # To a limit no branch leads across another one: a bifurcation is a limit.
         if not problem.to_limit:
             turn = cond(
@@ -323,7 +323,7 @@ def _judged(
     place = found.place
     tangent = found.place.tangent
     length = target.row.times(place.at.minus(old.at))
-    cosine = curve.cosine(tangent, old.tangent)
+    cosine = curve.product(tangent, old.tangent)
     farthest = jnp.where(target.follows, _FARTHEST_LEAP, _FARTHEST)
     is_near = curve.length(place.at.minus(target.predicted)) <= farthest * reach
     is_straight = (length > 0) & (cosine > _LEAST_COSINE) & (found.num_steps <= _HARD)
@@ -485,8 +485,8 @@ def _crossing(
     judgement: _Judgement,
     reached: Place,
     events: _Events,
-    turn: _Turn,
-) -> _Turn:
+    turn: _TurnInStep,
+) -> _TurnInStep:
     """Return the bifurcation in a step, or the turn otherwise, and whether it is explained.
 
     The signs of the modes that have a part in the branch are explained by events. Where another one
@@ -542,10 +542,10 @@ def _crossed(
 
 
 @program
-def _with_crossing(turn: _Turn, crossing: _Crossing, found: Found) -> _Turn:
+def _with_crossing(turn: _TurnInStep, crossing: _Crossing, found: Found) -> _TurnInStep:
     is_there = crossing.is_there
     at = choose(found.is_found, found.place.at, crossing.start)
-    return _Turn(
+    return _TurnInStep(
         is_there=turn.is_there | is_there,
         agrees=crossing.agrees,
         at=choose(is_there, at, turn.at),

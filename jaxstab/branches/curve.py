@@ -36,6 +36,10 @@ class Point(eqx.Module):
         """Return the point after so much of a change."""
         return Point(self.gap + length * change.gap, self.pressure + length * change.pressure)
 
+    def scaled(self, factor: Scalar | float) -> "Point":
+        """Return so much of a change."""
+        return Point(factor * self.gap, factor * self.pressure)
+
     def minus(self, other: "Point") -> "Point":
         """Return the change from another point."""
         return Point(self.gap - other.gap, self.pressure - other.pressure)
@@ -97,22 +101,18 @@ class Curve(eqx.Module):
         return self.contact.solid.min_stiffness
 
     def gradient_of(self, change: Point) -> Point:
-        """Return the gradient of the product of a change with another one [1/length].
-
-        It is the mean product of the changes of gap, and the product of the changes of pressure
-        over the stiffness squared.
-        """
+        """Return the gradient of the product of a change with another one [length]."""
         size = change.gap.size
         return Point(change.gap / size, change.pressure / self.stiffness**2)
 
-    def cosine(self, one: Point, other: Point) -> Scalar:
-        """Return the cosine between two changes."""
-        lengths = self.length(one) * self.length(other)
-        return self.gradient_of(one).times(other) / jnp.where(lengths > 0, lengths, 1)
+    def product(self, one: Point, other: Point) -> Scalar:
+        """Return the product of two changes, of unit ones the cosine between them [length^2]."""
+        pressures = (one.pressure / self.stiffness) * (other.pressure / self.stiffness)
+        return mean(one.gap * other.gap) + pressures
 
     def length(self, change: Point) -> Scalar:
         """Return the size of a change [length]."""
-        return jnp.sqrt(self.gradient_of(change).times(change))
+        return jnp.sqrt(self.product(change, change))
 
     def value(self, at: Point) -> Scalar:
         """Return the value of the load at a point."""

@@ -5,8 +5,6 @@ a piece. At an active-set change a contact point loses its reaction (release) or
 gap (touch).
 """
 
-from dataclasses import replace
-
 import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Int
@@ -23,7 +21,7 @@ from jaxstab.branches.corrector import (
 from jaxstab.branches.curve import Curve, Place, Point
 from jaxstab.core.checks import array
 from jaxstab.core.compile import program
-from jaxstab.core.control_flow import choose, first_good, while_loop
+from jaxstab.core.control_flow import cond, first_good, while_loop
 from jaxstab.core.types import Field, Flag, Mask, Scalar
 
 # Points tie that change sides within this part of the distance to the first of them.
@@ -139,104 +137,142 @@ def _goes_on(curve: Curve, new: _Beyond, tangent: Point) -> Flag:
     return jnp.all(goes_on | ~new.flips)
 
 
-class _Bracket(eqx.Module):
-    """Two distances ahead of a place between which the load turns, and its rates there.
+class _SmoothStep(eqx.Module):
+    """A step along one smooth piece, in which the load turns.
 
     Attributes:
-        ends: the distances [length].
-        rates: of the load there; an end that stays a second time counts for half.
-        row: the gradient of the distance.
-        whole: the length of the step [length].
+        row: the gradient of the distance along it.
+        length: of the step [length].
+        rate: of the load at its beginning.
         steepest: the larger of the rates at its ends.
-        place: the last that was looked at.
-        rate: of the load there.
-        is_low: whether it took the place of the nearer end.
-        count: how many points were looked at.
-        is_open: whether to look at another one.
+    """
+
+    row: Point
+    length: Scalar
+    rate: Scalar
+    steepest: Scalar
+
+
+class _Secants(eqx.Module):
+    """The secant method for a zero of the rate of the load.
+
+    Attributes:
+        distances: of the two places between which it lies [length].
+        rates: of the load there; of a place that stays a second time half of it counts.
+        is_low: whether the last place that was found is the first of the two.
+        count: how many were found.
+        is_open: whether to look for another one.
         is_flat: whether the rate at the last vanishes.
     """
 
-    ends: Array
+    distances: Array
     rates: Array
-    row: Point
-    whole: Scalar
-    steepest: Scalar
-    place: Place
-    rate: Scalar
     is_low: Flag
     count: Int[Array, ""]
     is_open: Flag
     is_flat: Flag
 
-    def looked_at(self) -> "_Bracket":
-        """Return the bracket with flags that tell whether it is narrow enough."""
-        narrow_enough = _NARROW[self.rate.dtype.name]
-        is_wide = self.ends[1] - self.ends[0] > narrow_enough * jnp.abs(self.whole)
-        is_steep = jnp.abs(self.rate) > narrow_enough * self.steepest
-        is_open = is_wide & is_steep & (self.count < _MAX_SECANTS)
-        return replace(self, is_open=is_open, is_flat=jnp.abs(self.rate) < _FLAT * self.steepest)
+
+class _Bracket(eqx.Module):
+    """Two places between which the load turns, and the method by which they come closer."""
+
+    low: Place
+    high: Place
+    secants: _Secants
 
 
 def fold_between(curve: Curve, old: Place, new: Place) -> tuple[Point, Flag]:
     """Return where the load turns between two places of one smooth piece (Illinois method).
 
     And whether its rate vanishes there.
+
+    1. Look where the line between the rates of the load at both places vanishes.
+    2. Correct the point of the cubic through both places there.
+    3. Put it in the place of the one where the rate has the same sign.
+    4. Repeat from 1 until the rate vanishes, or both places are close to each other.
     """
     dtype = old.at.gap.dtype.name
+    step, secants = _begun(curve, old, new)
 
     def narrow(bracket: _Bracket) -> _Bracket:
-        condition, start = _secant(old, bracket)
+        condition, start, direction = _on_cubic(step, old, bracket)
         correction = Correction(curve, condition, old.is_free)
-        tangent = bracket.place.tangent
-        found = correct(correction, start, bracket.row, tangent, CLOSE[dtype], _FINE[dtype])
-        return _narrowed(curve, old, bracket, found.place)
+        found = correct(correction, start, step.row, direction, CLOSE[dtype], _FINE[dtype]).place
+        secants = _narrowed(curve, step, bracket.secants, found.tangent)
+        low = cond(secants.is_low, lambda: found, lambda: bracket.low)
+        high = cond(secants.is_low, lambda: bracket.high, lambda: found)
+        return _Bracket(low, high, secants)
 
-    found = while_loop(lambda bracket: bracket.is_open, narrow, _bracket(curve, old, new))
-    return found.place.at, found.is_flat
+    bracket = while_loop(
+        lambda bracket: bracket.secants.is_open, narrow, _Bracket(old, new, secants)
+    )
+    is_low = bracket.secants.is_low
+    return cond(is_low, lambda: bracket.low.at, lambda: bracket.high.at), bracket.secants.is_flat
 
 
 @program
-def _bracket(curve: Curve, old: Place, new: Place) -> _Bracket:
+def _begun(curve: Curve, old: Place, new: Place) -> tuple[_SmoothStep, _Secants]:
     row = curve.gradient_of(old.tangent)
-    whole = row.times(new.at.minus(old.at))
+    length = row.times(new.at.minus(old.at))
+    distances = jnp.stack([jnp.zeros_like(length), length])
     rates = jnp.stack([curve.rate(old.tangent), curve.rate(new.tangent)])
-    steepest = jnp.max(jnp.abs(rates))
-    ends = jnp.stack([jnp.zeros_like(whole), whole])
-    near = choose(jnp.abs(rates[0]) < jnp.abs(rates[1]), old, new)
     yes = jnp.array(True)
-    none = jnp.array(0)
-    first = _Bracket(ends, rates, row, whole, steepest, near, steepest, yes, none, yes, yes)
-    return first.looked_at()
+    step = _SmoothStep(row, length, rates[0], jnp.max(jnp.abs(rates)))
+    return step, _Secants(distances, rates, yes, jnp.zeros((), int), yes, yes)
 
 
-def _secant_length(bracket: _Bracket) -> Scalar:
-    low, high = bracket.ends
-    slow, fast = bracket.rates
+def _secant(secants: _Secants) -> Scalar:
+    """Return the distance at which the line between both rates vanishes."""
+    low, high = secants.distances
+    slow, fast = secants.rates
     return low - slow * (high - low) / (fast - slow)
 
 
 @program
-def _secant(old: Place, bracket: _Bracket) -> tuple[Condition, Point]:
-    """Return the plane on which to look next, and where to start there."""
-    length = _secant_length(bracket)
-    row = bracket.row
-    at = bracket.place.at
-    tangent = bracket.place.tangent
-    missing = length - row.times(at.minus(old.at))
-    start = at.plus(tangent, missing / row.times(tangent))
-    return on_plane(row, row.times(old.at) + length, jnp.abs(bracket.whole)), start
+def _on_cubic(step: _SmoothStep, old: Place, bracket: _Bracket) -> tuple[Condition, Point, Point]:
+    """Return the plane on which to look next, and the point and the direction to start from.
+
+    The point is that of the cubic: with s between 0 and 1, g = g0 + s c + s (1 - s) ((1 - s) a -
+    s b), where c is the change from one end to the other, and a and b those along both tangents
+    less c.
+    """
+    distance = _secant(bracket.secants)
+    low, high = bracket.secants.distances
+    part = (distance - low) / (high - low)
+    rest = 1 - part
+    row = step.row
+    slopes = [
+        place.tangent.scaled(1 / row.times(place.tangent)) for place in (bracket.low, bracket.high)
+    ]
+    change = bracket.high.at.minus(bracket.low.at)
+    first, second = (slope.scaled(high - low).minus(change) for slope in slopes)
+    start = bracket.low.at.plus(change, part)
+    start = start.plus(first, part * rest**2).plus(second, -(part**2) * rest)
+    # That of the cubic would be a small difference of both ends.
+    direction = slopes[0].scaled(rest).plus(slopes[1], part)
+    return on_plane(row, row.times(old.at) + distance, jnp.abs(step.length)), start, direction
 
 
 @program
-def _narrowed(curve: Curve, old: Place, bracket: _Bracket, place: Place) -> _Bracket:
-    """Return the bracket with a place that was found in it as one of its ends."""
-    low, high = bracket.ends
-    slow, fast = bracket.rates
-    length = _secant_length(bracket)
-    rate = curve.rate(place.tangent)
-    is_low = rate * curve.rate(old.tangent) > 0
-    stays = jnp.where((bracket.count > 0) & (is_low == bracket.is_low), 0.5, 1)
-    ends = jnp.where(is_low, jnp.stack([length, high]), jnp.stack([low, length]))
+def _narrowed(curve: Curve, step: _SmoothStep, secants: _Secants, tangent: Point) -> _Secants:
+    """Return the method after it has found a place with this tangent."""
+    low, high = secants.distances
+    slow, fast = secants.rates
+    distance = _secant(secants)
+    rate = curve.rate(tangent)
+    is_low = rate * step.rate > 0
+    stays = jnp.where((secants.count > 0) & (is_low == secants.is_low), 0.5, 1)
+    distances = jnp.where(is_low, jnp.stack([distance, high]), jnp.stack([low, distance]))
     rates = jnp.where(is_low, jnp.stack([rate, stays * fast]), jnp.stack([stays * slow, rate]))
-    found = replace(bracket, ends=ends, rates=rates, place=place, rate=rate, is_low=is_low)
-    return replace(found, count=bracket.count + 1).looked_at()
+    count = secants.count + 1
+    narrow_enough = _NARROW[rate.dtype.name]
+    is_wide = distances[1] - distances[0] > narrow_enough * jnp.abs(step.length)
+    is_steep = jnp.abs(rate) > narrow_enough * step.steepest
+    return _Secants(
+        distances=distances,
+        rates=rates,
+        is_low=is_low,
+        count=count,
+        is_open=is_wide & is_steep & (count < _MAX_SECANTS),
+        is_flat=jnp.abs(rate) < _FLAT * step.steepest,
+    )

@@ -19,6 +19,7 @@ from jaxstab.branches.branch_steps import (
     pressure_of,
 )
 from jaxstab.branches.corrector import (
+    AT_STATES,
     TOLERANCE,
     Condition,
     Correction,
@@ -119,7 +120,7 @@ class _Ahead(eqx.Module):
     modes: Block
 
 
-class _Start(eqx.Module):
+class _SearchStart(eqx.Module):
     """A start of the search for the limit ahead of a state.
 
     Attributes:
@@ -149,17 +150,19 @@ def limit_ahead(contact: Contact, load: Load, gap: Field, ahead: Scalar) -> Limi
     search = _ahead(contact, load, gap, ahead)
     curve = search.problem.curve
 
-    def from_start(start: _Start) -> tuple[Limit, Flag]:
+    def from_start(start: _SearchStart) -> tuple[Limit, Flag]:
         at, is_free, condition = _state_of(search, start)
         tangent = direction_at(curve, condition, at, is_free, search.row, search.nothing)
-        plane, row = _plane_behind(search, start, at, tangent)
-        behind = correct(Correction(curve, plane, is_free), at, row, tangent, TOLERANCE[dtype.name])
+        plane, row, at = _plane_behind(search, start, at, tangent)
+        behind = correct(Correction(curve, plane, is_free), at, row, tangent, AT_STATES[dtype.name])
         is_on_curve, result, length = _begun(search, behind)
         branch = branch_from(behind.place, length, array(UNKNOWN), search.modes, result)
         return limit_of(search.problem, branch), is_on_curve
 
     starts = [
-        _Start(array(back, dtype), array(closes)) for back in _BACKS for closes in (False, True)
+        _SearchStart(array(back, dtype), array(closes))
+        for back in _BACKS
+        for closes in (False, True)
     ]
     limit, is_on_curve = first_good(from_start, lambda found: found[0].is_found, starts)
     return cond(
@@ -186,7 +189,7 @@ def _ahead(contact: Contact, load: Load, gap: Field, ahead: Scalar) -> _Ahead:
 
 
 @program
-def _state_of(search: _Ahead, start: _Start) -> tuple[Point, Mask, Condition]:
+def _state_of(search: _Ahead, start: _SearchStart) -> tuple[Point, Mask, Condition]:
     """Return the state of a start, its free points, and the condition that it has its load."""
     gap = search.at.gap
     least_open = gap == jnp.min(jnp.where(gap > 0, gap, jnp.inf))
@@ -198,21 +201,21 @@ def _state_of(search: _Ahead, start: _Start) -> tuple[Point, Mask, Condition]:
 
 @program
 def _plane_behind(
-    search: _Ahead, start: _Start, at: Point, tangent: Point
-) -> tuple[Condition, Point]:
-    """Return the plane behind the state of a start, and the gradient across it."""
+    search: _Ahead, start: _SearchStart, at: Point, tangent: Point
+) -> tuple[Condition, Point, Point]:
+    """Return the plane behind the state of a start, the gradient across it, and a point there."""
     longest = search.problem.max_step
     back = _BACK[at.gap.dtype.name] * longest * start.back
     row = search.problem.curve.gradient_of(tangent)
-    return on_plane(row, row.times(at) - back, longest), row
+    return on_plane(row, row.times(at) - back, longest), row, at.plus(tangent, -back)
 
 
 @program
 def _begun(search: _Ahead, found: Found) -> tuple[Flag, RESULTS, Scalar]:
-    """Return whether a branch begins at the point found behind a state, and its first step."""
+    """Return whether a branch towards the load begins at the point found, and its first step."""
     place = found.place
     signs = jnp.where(place.is_free, place.at.gap, found.forces.net) > 0
-    is_on_curve = found.is_found & jnp.all(signs)
+    is_on_curve = found.is_found & jnp.all(signs) & (search.row.times(place.tangent) > 0)
     result = RESULTS.where(is_on_curve, RESULTS.successful, RESULTS.lost_branch)
     return is_on_curve, result, _FIRST * search.problem.max_step
 
@@ -246,7 +249,7 @@ def _horizon(load: Load, gap: Field, ahead: Scalar) -> Scalar:
     return jnp.sign(ahead) * jnp.maximum(jnp.abs(ahead), tolerance * size)
 
 
-class _Bracket(eqx.Module):
+class _Bracketing(eqx.Module):
     """How closely a bifurcation is bracketed.
 
     Attributes:
@@ -270,7 +273,7 @@ class _LimitSearch(eqx.Module):
 
     before: BranchState
     after: BranchState
-    bracket: _Bracket
+    bracket: _Bracketing
 
 
 def limit_of(problem: ContinuationProblem, branch: BranchState) -> Limit:
@@ -285,7 +288,7 @@ def limit_of(problem: ContinuationProblem, branch: BranchState) -> Limit:
        point whether it is a limit, and of which kind.
     """
     dtype = problem.max_step.dtype
-    first = _Bracket(
+    first = _Bracketing(
         is_past=array(False),
         width=array(jnp.inf, dtype),
         length=branch.step.length,
@@ -311,8 +314,8 @@ def limit_of(problem: ContinuationProblem, branch: BranchState) -> Limit:
 
 @program
 def _narrowed(
-    problem: ContinuationProblem, bracket: _Bracket, old: BranchState, new: BranchState
-) -> _Bracket:
+    problem: ContinuationProblem, bracket: _Bracketing, old: BranchState, new: BranchState
+) -> _Bracketing:
     """Return the bracket after a step from an old to a new state."""
     taken = problem.curve.length(new.step.here.at.minus(old.step.here.at))
     is_past = new.step.is_new & (new.step.turns | ((old.step.index == 0) & (new.step.index > 0)))
@@ -321,7 +324,7 @@ def _narrowed(
     count = bracket.count + 1
     next_length = jnp.where(is_past, old.step.length, new.step.length)
     is_wide = (width > _closest(problem)) & ~(is_past & new.step.turns)
-    return _Bracket(
+    return _Bracketing(
         is_past=is_past,
         width=width,
         length=jnp.minimum(next_length, width / 2),

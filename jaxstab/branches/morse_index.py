@@ -39,7 +39,7 @@ MOST = _MANY - 1
 UNKNOWN = -1
 
 
-class _LowestModes(Davidson):
+class _CurveDavidson(Davidson):
     """Davidson's method until the lowest modes, or only the signs of their eigenvalues, are known.
 
     There are at least as many negative eigenvalues as there are negative Ritz values. So for the
@@ -108,7 +108,7 @@ def index_of(
 
     def count(modes: Block) -> LowestModes:
         # The last of the modes converges slowly, and only its sign is of use.
-        solver = _LowestModes(tolerance, number=len(modes) - 1, signs_only=not precise)
+        solver = _CurveDavidson(tolerance, number=len(modes) - 1, signs_only=not precise)
         return _lowest_modes(contact, load, gap, gap, modes, solver.in_precision(gap.dtype))
 
     few = count(modes)
@@ -121,13 +121,13 @@ def lowest_pair(
     contact: Contact, load: Load, gap: Field, opened: Field, modes: Block, tolerance: float
 ) -> Eigenpair:
     """Return the lowest eigenpair on the points of positive opened gap, from modes nearby."""
-    solver = _LowestModes(tolerance).in_precision(gap.dtype)
+    solver = _CurveDavidson(tolerance).in_precision(gap.dtype)
     return _lowest_modes(contact, load, gap, opened, modes, solver).pair
 
 
 @program
 def _lowest_modes(
-    contact: Contact, load: Load, gap: Field, opened: Field, modes: Block, solver: _LowestModes
+    contact: Contact, load: Load, gap: Field, opened: Field, modes: Block, solver: _CurveDavidson
 ) -> LowestModes:
     pair, eigenvalues, modes = _lowest(contact, load, gap, opened > 0, modes, solver)
     is_known = pair.result == RESULTS.successful
@@ -163,7 +163,7 @@ def driven_index_of(
 
     Modes that break a symmetry of the contact have none. Ten are counted; more are `UNKNOWN`.
     """
-    solver = _LowestModes(_EXACT[gap.dtype.name], number=_SOME - 1)
+    solver = _CurveDavidson(_EXACT[gap.dtype.name], number=_SOME - 1)
     none = jnp.zeros((_SOME, *gap.shape), gap.dtype)
     pair, values, modes = _lowest(contact, load, gap, is_free, none, solver)
     is_negative = values < 0
@@ -180,7 +180,7 @@ def _lowest(
     gap: Field,
     is_moving: Mask,
     modes: Block,
-    solver: _LowestModes,
+    solver: _CurveDavidson,
 ) -> tuple[Eigenpair, Float[Array, " modes-1"], Block]:
     """Return the lowest eigenpair, the lowest eigenvalues, and modes, from modes of a state nearby.
 

@@ -82,7 +82,8 @@ def test_an_interrupt_before_the_last_state_is_kept_leaves_no_end_of_it(hertz, m
 def test_an_index_that_is_not_found_is_not_a_number_of_ways(hertz, branch, monkeypatch):
     assert "unknown" not in repr(branch)
     load, gap = branch[0].load, branch.equilibrium.gap[0]
-    monkeypatch.setattr(morse_index, "_LowestModes", partial(morse_index._LowestModes, max_steps=2))
+    short = partial(morse_index._CurveDavidson, max_steps=2)
+    monkeypatch.setattr(morse_index, "_CurveDavidson", short)
     found, _ = morse_index.index_of(hertz, load, gap, morse_index.no_modes(gap))
     assert found == -1
     assert "1 of unknown index, " in repr(replace(branch, index=branch.index.at[2].set(found)))
