@@ -29,6 +29,7 @@ def test_it_goes_on_around_a_fold_and_counts_the_ways_down(branch):
         hessian = stiffness + np.diag(-10.0 * np.exp(-np.asarray(gap).ravel()))
         assert index == np.sum(on_zero_mean(hessian[np.ix_(free, free)]) < 0)
     assert set(np.asarray(branch.index)) == {0, 1}
+    np.testing.assert_allclose(np.linalg.norm(fold.mode), 1)
 
 
 @pytest.mark.nightly
