@@ -27,7 +27,7 @@ HEAD = (
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--out", type=Path, help="a file for the table as well")
-    parser.add_argument("--quick", action="store_true", help="lines alone")
+    parser.add_argument("--quick", action="store_true", help="lines alone, in a minute")
     options = parser.parse_args()
     jax.config.update("jax_enable_x64", True)
     warnings.simplefilter("ignore", js.ResolutionWarning)
@@ -41,7 +41,7 @@ def main() -> None:
 
 def rows(is_quick: bool) -> Iterator[str]:
     yield wave(256)
-    for seed in range(1, 4):
+    for seed in range(1, 6):
         yield rough((128,), seed, 1e-4)
     if not is_quick:
         yield sphere(128)
