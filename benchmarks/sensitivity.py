@@ -271,6 +271,8 @@ def problems(family: str) -> list[Callable[[], Outcome]]:
         for seed in range(8):
             contact = rough(line, seed, 0.02 * (1 + seed), solid)
             add(evolution, contact, js.MeanGap(around), times)
+        # A jump in a hold much longer than the relaxation times.
+        add(evolution, contact, js.MeanGap(around), jnp.array([0.0, 1.0, 300.0]))
         # Between the loss of stability of the relaxed and of the glassy solid.
         flat = js.Contact(solid, jnp.zeros(line.shape), contact.potential)
         for gap in (0.09, 0.12):

@@ -24,7 +24,6 @@ from jaxstab.stability.solvers.davidson import Davidson
 
 _MAX_STEPS = 30
 _TOLERANCE = 1e-10
-_MOST_DOUBLINGS = 128
 
 
 @own_conventions()
@@ -57,10 +56,11 @@ def growth_rate(evolution: Evolution) -> Scalar:
     is_moving = ~(equilibrium.in_contact & (equilibrium.reaction > 0))
     stiffening, mode = _singular_stiffening(is_moving, *jax.lax.stop_gradient(inputs))
     stiffening = attach(_changes_of_stiffening, stiffening, mode, inputs)
-    is_between = (stiffening > 1) & (stiffening <= glassy)
+    is_between = (stiffening > 1) & (stiffening < glassy)
     rate = _rate(jnp.where(is_between, stiffening, 1), solid.ratios, solid.times)
-    rate = jnp.where(stiffening <= 1, 0, jnp.where(jnp.isnan(stiffening), jnp.nan, rate))
-    return jnp.where(stiffening > glassy, jnp.inf, rate)
+    rate = jnp.where(stiffening >= glassy, jnp.inf, rate)
+    rate = jnp.where(stiffening <= 1, 0, rate)
+    return jnp.where(jnp.isnan(stiffening), jnp.nan, rate)
 
 
 @program
@@ -122,15 +122,28 @@ def _changes_of_stiffening(
     return -work / jnp.where(slope > 0, slope, 1), ~is_found
 
 
+@program
 def _rate(stiffening: Scalar, ratios: Array, times: Array) -> Scalar:
     """Return s of K(s) / K = 1 + sum r_k s t_k / (1 + s t_k), by Newton's method from zero.
 
-    The sum is concave, so no step passes the root but by rounding; the slowest ones double s.
+    The sum is concave, so that s rises to the root, and stops there by rounding. One more step has
+    the derivatives of the root.
     """
 
-    def step(_: int, s: Scalar) -> Scalar:
+    def newton(s: Scalar, stiffening: Scalar, ratios: Array, times: Array) -> Scalar:
         turns = 1 + s * times
         missing = stiffening - 1 - jnp.sum(ratios * s * times / turns)
-        return s + jnp.maximum(missing, 0) / jnp.sum(ratios * times / turns**2)
+        return s + missing / jnp.sum(ratios * times / turns**2)
 
-    return jax.lax.fori_loop(0, _MOST_DOUBLINGS, step, jnp.zeros_like(stiffening))
+    def rises(state: tuple[Scalar, Scalar]) -> Flag:
+        s, new = state
+        return new > s
+
+    def step(state: tuple[Scalar, Scalar]) -> tuple[Scalar, Scalar]:
+        _, s = state
+        return s, newton(s, *fixed)
+
+    fixed = jax.lax.stop_gradient((stiffening, ratios, times))
+    zero = jnp.zeros_like(fixed[0])
+    root, _ = jax.lax.while_loop(rises, step, (zero, newton(zero, *fixed)))
+    return newton(root, stiffening, ratios, times)
