@@ -95,7 +95,7 @@ def loop(names: Names, axes: Axes) -> None:
     for (name, path), colour in zip(names["elastic"].items(), (BLUE, ORANGE), strict=True):
         loss = 1e2 * float(path.dissipation)
         axes.axhline(loss, color=colour, linestyle=":", label=f"jumps of the {name} solid")
-    axes.set(xlabel="duration of the loop [s]", ylabel="loss [mJ/m²]")
+    axes.set(xlabel="duration of the loop [s]", ylabel="loss [mJ/m²]", ylim=(0, 17))
     axes.legend()
 
 
@@ -150,11 +150,11 @@ def particles(names: Names, axes: Axes) -> None:
     for force, name, colour in (
         (weight, "weight", BLACK),
         (1000 * weight, "1000 g", ORANGE),
-        (25.0, "largest charge and field in air", VERMILION),
+        (25.0, "largest charge", VERMILION),
     ):
         axes.axvline(force, color=colour, linestyle="--", label=name)
     axes.set(xscale="log", xlabel="force [nN]", ylabel="particles removed [%]")
-    axes.legend(loc="center left")
+    axes.legend(loc="center", bbox_to_anchor=(0.38, 0.5))
 
 
 DRAWINGS: dict[str, Callable[[Names, Any], None]] = {

@@ -12,6 +12,7 @@ import jaxstab as js
 from jaxstab.branches.differentiable_limit import CriticalLoad
 from jaxstab.cli.problem import topography_of
 from jaxstab.contact.resolution import FOR_JUMPS
+from jaxstab.core.results import RESULTS
 from jaxstab.equilibrium import Equilibrium
 from jaxstab.stability import Stability
 from jaxstab.surfaces import Topography
@@ -137,8 +138,18 @@ def _loop(
     far = float(heights.max() - heights.mean() + _FAR * law.length + stretch)
     near = max(float(pressed.mean_gap), _NEAR * float(heights.std()))
     turns = js.MeanGap(jnp.array([far, near, far]))
-    return js.follow(contact, turns, smallest_jump=_SMALLEST_JUMP, progress=True, throw=False)
+    loop = js.follow(contact, turns, smallest_jump=_SMALLEST_JUMP, progress=True, throw=False)
+    _require_uninterrupted(loop.result)
+    return loop
 
 
 def _pull_off(contact: js.Contact) -> CriticalLoad:
-    return js.pull_off(contact, progress=True, throw=False)
+    pull_off = js.pull_off(contact, progress=True, throw=False)
+    _require_uninterrupted(pull_off.result)
+    return pull_off
+
+
+def _require_uninterrupted(result: RESULTS) -> None:
+    """Raise `KeyboardInterrupt` again: a search ends early at Ctrl-C, with what it has."""
+    if result == RESULTS.interrupted:
+        raise KeyboardInterrupt

@@ -1,6 +1,7 @@
 import shlex
 from html.parser import HTMLParser
 from itertools import pairwise
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -104,6 +105,24 @@ def test_a_report_states_what_was_done_and_the_command(made):
     assert float(options["--range"]) == pytest.approx(length)
     assert float(options["--work"]) == 0.05 and options["--size"] == "16"
     assert any("Rey" in text and "Computational Mechanics" in text for text in shown.texts)
+
+
+@pytest.mark.parametrize("name", ["follow", "pull_off"])
+def test_a_report_whose_search_is_interrupted_ends_and_writes_nothing(
+    name, scan, tmp_path, monkeypatch, capsys
+):
+    # Both return what they have at Ctrl-C.
+    ended = SimpleNamespace(result=js.RESULTS.interrupted)
+    state = SimpleNamespace(equilibrium=SimpleNamespace(mean_gap=1e-8))
+    found = SimpleNamespace(result=js.RESULTS.successful)
+    monkeypatch.setattr("jaxstab.cli.report_results._states", lambda *_: [state])
+    monkeypatch.setattr(js, "follow", lambda *_, **__: found)
+    monkeypatch.setattr(js, name, lambda *_, **__: ended)
+    with pytest.raises(SystemExit) as stopped:
+        main(["report", str(scan), *SCAN, *MATERIAL, "--output", str(tmp_path / "report.html")])
+    assert stopped.value.code == 130
+    assert capsys.readouterr().err.endswith("jaxstab: interrupted.\n")
+    assert not (tmp_path / "report.html").exists()
 
 
 def test_texts_of_a_page_are_no_tags():
