@@ -271,7 +271,7 @@ def problems(family: str) -> list[Callable[[], Outcome]]:
         for seed in range(8):
             contact = rough(line, seed, 0.02 * (1 + seed), solid)
             add(evolution, contact, js.MeanGap(around), times)
-        # A jump in a hold much longer than the relaxation times.
+        # A leg much longer than the relaxation times.
         add(evolution, contact, js.MeanGap(around), jnp.array([0.0, 1.0, 300.0]))
         # Between the loss of stability of the relaxed and of the glassy solid.
         flat = js.Contact(solid, jnp.zeros(line.shape), contact.potential)
