@@ -19,6 +19,10 @@ _PARTS = {
 }
 # One mean where no force acts for so many in contact.
 _FAR = 6
+# Means over so many blocks of points that exceed their noise so many times are forces.
+_BLOCKS = 200
+_FORCES = 5.0
+_FEWEST_FAR = 10
 # Jumps divide a few means.
 _SPARE = 6
 # A step of the tip is a jump if it exceeds the noise, and steps of the cantilever, so many times.
@@ -150,7 +154,7 @@ def _means(
     runs = np.append(0, np.cumsum(is_jump))
     sizes = np.bincount(runs)
     is_whole = sizes[runs] >= _ON_ITS_WAY
-    is_far = np.arange(len(height)) < line.number
+    is_far = height > _reach(height, force, line.noise)
     num_far = max(points // _FAR, 2)
     bins = np.where(
         is_far,
@@ -189,6 +193,18 @@ def _means(
     repeated = np.repeat(columns[:, -1:], max(points + num_far + _SPARE - len(chosen), 0), axis=1)
     repeated[2] = 0
     return tuple(np.concatenate([columns, repeated], axis=1))
+
+
+def _reach(height: np.ndarray, force: np.ndarray, noise: float) -> float:
+    """Return the height up to which forces act, and half of that depth more, from the far end."""
+    block = max(len(force) // _BLOCKS, 1)
+    count = len(force) // block
+    means = force[: count * block].reshape(count, block).mean(axis=1)
+    first = int(np.argmax(np.abs(means) > _FORCES * noise / np.sqrt(block))) * block
+    lowest = float(height.min())
+    depth = float(height[first]) - lowest
+    # Some points are left beyond.
+    return min(lowest + 1.5 * depth, float(height[_FEWEST_FAR]))
 
 
 def _bend(position: np.ndarray, force: np.ndarray) -> float:

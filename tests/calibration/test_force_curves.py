@@ -52,8 +52,10 @@ def test_a_retraction_gives_modulus_work_range_and_zeros_within_their_errors(law
     corrected = curve.corrected().correction
     contact_point = corrected.contact_point + float(fit.offset)
     assert abs(contact_point - 1) < 3 * fit.offset_error + 0.02
-    assert abs(fit.tilt) < 3 * fit.tilt_error
-    assert abs(fit.baseline) < 3 * fit.baseline_error
+    line = corrected.retraction
+    assert abs(line.slope + fit.tilt - 2e-3) < 3 * fit.tilt_error
+    height = corrected.contact_point - RECORD["contact"]
+    assert abs(line.force + fit.baseline - 0.4 - 2e-3 * height) < 3 * fit.baseline_error
     rows = {line.split()[0]: line.split() for line in str(fit).splitlines()[3:]}
     assert [rows[name][-1] for name in fit.names] == ["J/m²", "nm", "GPa", "nm", "nN", "N/m"]
     axes = js.plots.calibration(fit)
