@@ -34,7 +34,7 @@ from jaxstab.references.roots import bisect
 _RESOLUTION = 8.0
 _RATIOS = 1.3 ** np.arange(4)
 # The powers that are sought, and the least one that tells of a limit at the range zero.
-_POWERS = -6.0, 6.0
+_POWERS = -2.0, 6.0
 _LEAST_POWER = 0.3
 _FEWEST = 3
 
@@ -112,8 +112,8 @@ def extrapolate(
         ValueError: for fewer than three ranges, ranges that repeat or are not positive, a range
             asked for that is longer than all, and a function of something else than one number.
         TypeError: for a law without one number that is its range; under JAX transformations.
-        SolverError: where the values rise and fall with the range, and for the range zero where
-            the power is below 0.3: then they tell of no limit.
+        SolverError: where the values rise and fall with the range, or follow no power from -2 to 6;
+            and for the range zero where the power is below 0.3: then they tell of no limit.
     """
     require_known((contact, ranges, to), "extrapolate")
     shortest = resolved_range(contact, _RESOLUTION)
@@ -185,11 +185,19 @@ def _power(lengths: np.ndarray, values: np.ndarray) -> float:
         )
     below, above = np.log(lengths[[0, 2]] / lengths[1])
 
-    def excess(power: np.ndarray) -> np.ndarray:
+    def excess(power: ArrayLike) -> np.ndarray:
         # This rises with the power.
         return -_rise(power, above) / _rise(power, below) - high / low
 
-    return float(bisect(excess, *_POWERS))
+    least, most = _POWERS
+    if not excess(least) < 0 < excess(most):
+        raise SolverError(
+            f"The values {values} at the ranges {lengths} follow no power of the range from "
+            f"{least:g} to {most:g}, as where a contact jumps to other states at other ranges: "
+            "look at them, and give ranges between which they change gradually, or use a finer "
+            "grid."
+        )
+    return float(bisect(excess, least, most))
 
 
 def _rise(power: ArrayLike, distance: float) -> np.ndarray:

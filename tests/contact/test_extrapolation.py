@@ -1,5 +1,7 @@
 """Quantities at ranges that a grid does not resolve, beside closed forms and finer grids."""
 
+from functools import partial
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -98,6 +100,11 @@ def test_what_tells_of_no_limit_is_refused_with_the_cure():
     values = iter([1.0, 1.2, 1.1, 1.3])
     with pytest.raises(js.SolverError, match=r"rise and fall.*finer grid"):
         js.extrapolate(lambda contact: next(values), FLAT, to=0)
+    # As of a rough contact of 48² points.
+    for jumping in ([1.27, 2.53, 2.6, 2.61], [1.0, 1.01, 2.0, 2.1]):
+        given = partial(next, iter(jumping))
+        with pytest.raises(js.SolverError, match="follow no power of the range from -2 to 6"):
+            js.extrapolate(lambda contact, given=given: given(), FLAT, to=1e-4)
     with pytest.raises(js.SolverError, match=r"nan.*must be finite"):
         js.extrapolate(lambda contact: np.nan, FLAT, to=0)
     with pytest.raises(ValueError, match=r"function returns has shape \(2,\): give one number"):
