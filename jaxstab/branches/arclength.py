@@ -161,7 +161,7 @@ class _Events(eqx.Module):
     """The events in a step.
 
     Attributes:
-        fold: the point where the load turns at a fold.
+        fold: the place where the load turns at a fold.
         is_flat: whether the rate of the load vanishes there.
         new: the place beyond the step.
         goes_on: whether the branch goes on from there.
@@ -169,7 +169,7 @@ class _Events(eqx.Module):
         modes: the lowest modes there.
     """
 
-    fold: Point
+    fold: Place
     is_flat: Flag
     new: Place
     goes_on: Flag
@@ -237,8 +237,9 @@ def take_step(problem: ContinuationProblem, step: ArclengthStep) -> ArclengthSte
     def explained() -> ArclengthStep:
         events = _events_in(problem, step, target, judgement, reached)
         account = _account_of(problem, step, target, judgement, reached, events)
-        direction = events.new.tangent.gap
-        turn = _TurnInStep(account.turns, account.agrees, events.fold, account.kind, direction)
+        fold = events.fold
+        direction = cond(judgement.folds, lambda: fold.tangent.gap, lambda: events.new.tangent.gap)
+        turn = _TurnInStep(account.turns, account.agrees, fold.at, account.kind, direction)
         # To a limit no branch leads across another one: a bifurcation is a limit.
         if not problem.to_limit:
             turn = cond(
@@ -372,7 +373,7 @@ def _events_in(
     fold, is_flat = cond(
         judgement.folds,
         lambda: fold_between(curve, step.here, reached),
-        lambda: (reached.at, array(True)),
+        lambda: (reached, array(True)),
     )
     new, goes_on = cond(
         target.is_change,
@@ -445,7 +446,7 @@ def _account_of(
     if problem.to_limit:
         # A bifurcation is a limit, however long the step.
         agrees |= (step.index == 0) & (index > 0) & ~judgement.turns
-    is_beyond = judgement.turns & problem.is_beyond(events.fold)
+    is_beyond = judgement.turns & problem.is_beyond(events.fold.at)
     expected = index + (target.is_change & target.opens & turning.back)
     is_unknown = is_tied | (index >= MOST) | (index < 0)
     kind = KINDS.where(target.opens, KINDS.release, KINDS.touch)

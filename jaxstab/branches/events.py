@@ -181,10 +181,10 @@ class _Bracket(eqx.Module):
     secants: _Secants
 
 
-def fold_between(curve: Curve, old: Place, new: Place) -> tuple[Point, Flag]:
+def fold_between(curve: Curve, old: Place, new: Place) -> tuple[Place, Flag]:
     """Return where the load turns between two places of one smooth piece (Illinois method).
 
-    And whether its rate vanishes there.
+    The direction there is the critical mode. And whether the rate of the load vanishes there.
 
     1. Look where the line between the rates of the load at both places vanishes.
     2. Correct the point of the cubic through both places there.
@@ -207,7 +207,7 @@ def fold_between(curve: Curve, old: Place, new: Place) -> tuple[Point, Flag]:
         lambda bracket: bracket.secants.is_open, narrow, _Bracket(old, new, secants)
     )
     is_low = bracket.secants.is_low
-    return cond(is_low, lambda: bracket.low.at, lambda: bracket.high.at), bracket.secants.is_flat
+    return cond(is_low, lambda: bracket.low, lambda: bracket.high), bracket.secants.is_flat
 
 
 @program

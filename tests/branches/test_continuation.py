@@ -29,7 +29,14 @@ def test_it_goes_on_around_a_fold_and_counts_the_ways_down(branch):
         hessian = stiffness + np.diag(-10.0 * np.exp(-np.asarray(gap).ravel()))
         assert index == np.sum(on_zero_mean(hessian[np.ix_(free, free)]) < 0)
     assert set(np.asarray(branch.index)) == {0, 1}
-    np.testing.assert_allclose(np.linalg.norm(fold.mode), 1)
+    gap = np.asarray(fold.equilibrium.gap).ravel()
+    hessian = stiffness + np.diag(-10.0 * np.exp(-gap))
+    mode = np.asarray(fold.mode).ravel()
+    np.testing.assert_allclose(np.linalg.norm(mode), 1)
+    # The branch goes on along the mode that has lost its stiffness, at one load.
+    np.testing.assert_allclose(np.sum(mode), 0, atol=1e-6)
+    moved = (hessian @ mode)[gap > 0]
+    np.testing.assert_allclose(moved - np.mean(moved), 0, atol=1e-6)
 
 
 @pytest.mark.nightly
