@@ -37,6 +37,8 @@ _RATIOS = 1.3 ** np.arange(4)
 _POWERS = -2.0, 6.0
 _LEAST_POWER = 0.3
 _FEWEST = 3
+# An error above this part of the value at the shortest range is no answer.
+_LARGEST_ERROR = 0.25
 
 
 class Extrapolation(Outcome):
@@ -113,7 +115,8 @@ def extrapolate(
             asked for that is longer than all, and a function of something else than one number.
         TypeError: for a law without one number that is its range; under JAX transformations.
         SolverError: where the values rise and fall with the range, or follow no power from -2 to 6;
-            and for the range zero where the power is below 0.3: then they tell of no limit.
+            for the range zero where the power is below 0.3; and for an error above a quarter of the
+            value at the shortest range: then they tell of no limit.
     """
     require_known((contact, ranges, to), "extrapolate")
     shortest = resolved_range(contact, _RESOLUTION)
@@ -157,7 +160,15 @@ def _extrapolated(
         unpinned, _, _ = _by_power(lengths, values - np.sign(values) * errors, target)
     except SolverError:
         unpinned = value - spread
-    return _Limit(value, change + abs(value - unpinned), power)
+    error = change + abs(value - unpinned)
+    if error > _LARGEST_ERROR * abs(values[0]):
+        raise SolverError(
+            f"The values {values} at the ranges {lengths} change so much that they tell "
+            f"{value:.3g} ± {error:.1g} at the range {target:.6g}, with an error above "
+            f"{100 * _LARGEST_ERROR:.0f} % of the first: use a finer grid, or ask for a range "
+            "nearer to the shortest."
+        )
+    return _Limit(value, error, power)
 
 
 def _by_power(lengths: np.ndarray, values: np.ndarray, target: float) -> tuple[float, float, float]:

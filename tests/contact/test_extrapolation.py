@@ -105,6 +105,10 @@ def test_what_tells_of_no_limit_is_refused_with_the_cure():
         given = partial(next, iter(jumping))
         with pytest.raises(js.SolverError, match="follow no power of the range from -2 to 6"):
             js.extrapolate(lambda contact, given=given: given(), FLAT, to=1e-4)
+    shortest = js.resolved_range(FLAT, 8)
+    falling = iter([0.79e-4, 1.59e-4, 2.4e-4, 3.15e-4])
+    with pytest.raises(js.SolverError, match=r"change so much.*above 25 % of the first"):
+        js.extrapolate(lambda contact: next(falling), FLAT, to=0.7 * shortest)
     with pytest.raises(js.SolverError, match=r"nan.*must be finite"):
         js.extrapolate(lambda contact: np.nan, FLAT, to=0)
     with pytest.raises(ValueError, match=r"function returns has shape \(2,\): give one number"):
