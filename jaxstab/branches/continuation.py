@@ -131,7 +131,12 @@ def continuation(
     constants = jax.lax.stop_gradient(refuse_derivatives(given))
     with own_conventions(), progress_bar(number, "states", shown=progress, inputs=constants):
         branch = _search(number, fields, is_state, *constants)
-    return finished(branch, problem, partial(_describe, load), throw)
+    # An interrupt here would lose a long branch.
+    with interrupts_held() as held:
+        branch = finished(branch, problem, partial(_describe, load), throw)
+    if held:
+        warn("The branch was interrupted after its last state; it is whole.", PathInterrupted)
+    return branch
 
 
 def _search(

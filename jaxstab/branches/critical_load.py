@@ -26,7 +26,6 @@ from jaxstab.core.checks import array
 from jaxstab.core.compile import in_pieces, own_conventions, program
 from jaxstab.core.control_flow import cond, while_loop
 from jaxstab.core.grid import mean
-from jaxstab.core.interrupts import interrupts_held
 from jaxstab.core.progress import advance_if_known, advance_to, progress_bar
 from jaxstab.core.results import RESULTS
 from jaxstab.core.types import ArrayLike, Field, Flag, Scalar
@@ -115,9 +114,7 @@ def critical_load(
             limit = _find(*constants)
             # Not all searches are needed.
             advance_to(lambda: _NUM_SEARCHES)
-        # An interrupt here would lose a long search.
-        with interrupts_held():
-            end = critical_load_at(*inputs, limit)
+        end = critical_load_at(*inputs, limit)
     return finished(end, problem, partial(_describe, bracket), throw)
 
 

@@ -13,7 +13,6 @@ import equinox as eqx
 
 from jaxstab.contact.contact import Contact
 from jaxstab.core.compile import program
-from jaxstab.core.interrupts import interrupts_held
 from jaxstab.core.results import RESULTS, throw_failure
 from jaxstab.core.types import Scalar
 from jaxstab.equilibrium.equilibrium import Equilibrium
@@ -76,9 +75,7 @@ def finished(found: Found, problem: Posed, describe: Callable[[Found], str], thr
         describe: returns the message for a failed result.
         throw: whether to raise a failure.
     """
-    # An interrupt here would lose a long search.
-    with interrupts_held():
-        result = as_given(found, problem)
+    result = as_given(found, problem)
     return throw_failure(result.result, result, lambda: describe(result), throw)
 
 

@@ -134,7 +134,12 @@ def follow(
     with own_conventions(), progress_bar(100, "%", shown=progress, inputs=constants):
         path = _search(fields, sizes, share, *constants)
         path = _with_derivatives(path, *inputs)
-    return finished(path, problem, partial(_describe, load), throw)
+    # An interrupt here would lose a long path.
+    with interrupts_held() as held:
+        path = finished(path, problem, partial(_describe, load), throw)
+    if held:
+        warn("The path was interrupted after its last step; it is complete.", PathInterrupted)
+    return path
 
 
 def _search(

@@ -13,7 +13,6 @@ from jaxstab.contact import Contact, require_contact
 from jaxstab.contact.resolution import FOR_JUMPS, warned_once
 from jaxstab.core.checks import scalar_parameter
 from jaxstab.core.compile import in_pieces, own_conventions, program
-from jaxstab.core.interrupts import interrupts_held
 from jaxstab.core.progress import progress_bar
 from jaxstab.core.results import RESULTS
 from jaxstab.core.types import ArrayLike, Field, Scalar
@@ -87,9 +86,7 @@ def pull_off(
     with own_conventions():
         with progress_bar(100, "%", shown=progress, inputs=constants):
             limit, after = _search(*constants)
-        # An interrupt here would lose a long search.
-        with interrupts_held():
-            end = critical_load_at(problem.contact, load, limit)
+        end = critical_load_at(problem.contact, load, limit)
 
     def describe(_: CriticalLoad) -> str:
         return _describe(load.in_units_of(1 / problem.unit))
