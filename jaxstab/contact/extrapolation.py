@@ -24,7 +24,8 @@ from jaxstab.core.checks import (
     require_known,
     scalar_parameter,
 )
-from jaxstab.core.display import Outcome, column, number
+from jaxstab.core.display import column, number
+from jaxstab.core.equality import Comparable
 from jaxstab.core.results import SolverError
 from jaxstab.core.types import ArrayLike, Scalar
 from jaxstab.core.units import LENGTH, NO_UNITS, Units, shown_unit, unit_symbol
@@ -41,8 +42,10 @@ _FEWEST = 3
 _LARGEST_ERROR = 0.25
 
 
-class Extrapolation(Outcome):
+class Extrapolation(Comparable):
     """A quantity at a range that is shorter than those it was computed at.
+
+    The unit of the quantity is that of the function; of lengths it is the contact's.
 
     Attributes:
         value: of the quantity there.
