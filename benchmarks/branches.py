@@ -20,7 +20,7 @@ import numpy as np
 import jaxstab as js
 
 sys.path.append(str(Path(__file__).parents[1] / "tests"))
-sys.path.append(str(Path(__file__).parents[1] / "tests" / "paths"))
+sys.path.append(str(Path(__file__).parents[1] / "tests" / "branches"))
 from brute_force import matrix_of
 from dense_curve import DenseCurve
 
