@@ -1,5 +1,6 @@
 """Contacts that several tests share, and states that are made or found by other means."""
 
+from dataclasses import replace
 from functools import partial
 
 import equinox as eqx
@@ -9,9 +10,16 @@ import jax.numpy as jnp
 import jaxstab as js
 from jaxstab import potentials
 from jaxstab.core.history import History
+from jaxstab.core.units import Units
 
 # For comparisons with finite differences.
 TIGHT = js.PreconditionedConjugateGradient(tolerance=1e-12)
+
+
+def with_units(detachment):
+    """Return a detachment on a line in nm and MPa; a contact with units would compile anew."""
+    state = replace(detachment.pull_off, units=Units("nm", "MPa", sides=1))
+    return replace(detachment, pull_off=state)
 
 
 class Waves(eqx.Module):

@@ -135,7 +135,7 @@ def continuation(
     with interrupts_held() as held:
         branch = finished(branch, problem, partial(_describe, load), throw)
     if held:
-        warn("The branch was interrupted after its last state; it is whole.", PathInterrupted)
+        warn("Ctrl-C came after the last state of the branch, which is kept.", PathInterrupted)
     return branch
 
 

@@ -138,7 +138,10 @@ def follow(
     with interrupts_held() as held:
         path = finished(path, problem, partial(_describe, load), throw)
     if held:
-        warn("The path was interrupted after its last step; it is complete.", PathInterrupted)
+        warn(
+            "Ctrl-C came after the last step of the path, of which nothing is lost.",
+            PathInterrupted,
+        )
     return path
 
 

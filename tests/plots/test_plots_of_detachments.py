@@ -4,19 +4,17 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from problems import with_units
 
 import jaxstab as js
 from jaxstab import plots
-from jaxstab.core.units import Units
 
 
 def test_a_line_for_each_rate_falls_from_one_to_zero_through_its_median(detaching):
     contact, _ = detaching
     options = {"thermal_energy": 2e-4, "attempt_rate": 1e9}
     found = js.detachment(contact, js.MeanPressure(-0.06), rate=[1.0, 1e4], **options)
-    # A contact with units would have programs of its own.
-    state = replace(found.pull_off, units=Units("nm", "MPa", sides=1))
-    found = replace(found, pull_off=state)
+    found = with_units(found)
     axes = plots.detachment(found)
     assert axes.get_xlabel() == "tension [MPa]" and axes.get_ylim() == (0, 1)
     lines = [line for line in axes.lines if len(line.get_xdata()) > 2]

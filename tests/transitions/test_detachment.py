@@ -6,11 +6,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from problems import with_units
 from scipy.integrate import cumulative_trapezoid
 from scipy.interpolate import PchipInterpolator
 
 import jaxstab as js
-from jaxstab.core.units import Units
 
 WORK, RANGE = 0.03, 0.2
 RATES = np.geomspace(1, 1e6, 4)
@@ -139,9 +139,7 @@ def test_a_detachment_prints_its_quantiles_with_units(detaching):
     contact, _ = detaching
     options = {"thermal_energy": 2e-4, "attempt_rate": 1e9}
     found = js.detachment(contact, js.MeanPressure(-0.08), rate=[1.0, 1e3], **options)
-    # A contact with units would have programs of its own.
-    state = replace(found.pull_off, units=Units("nm", "MPa", sides=1))
-    found = replace(found, pull_off=state)
+    found = with_units(found)
     head, life, barrier, passes, columns, _, *rows = repr(found).splitlines()
     assert head.startswith("Detachment: mean pressure -0.08 MPa, pull-off without thermal motion")
     assert "mean life" in life and "kT" in barrier and "computed barriers" in passes
