@@ -214,8 +214,8 @@ def _searched(problem: _Prepared, state: _DescentState) -> _DescentState:
         cut = replace(search, length=trial.length, num_cuts=trial.num_cuts)
         return _attempt(problem, state, cut)
 
-    # Nearly always the first length will do.
-    first = _attempt(problem, state, search)
+    no = jnp.array(False)
+    first = _DescentTrial(state.gap, state.balance, no, search.length, search.num_cuts)
     trial = jax.lax.while_loop(lambda trial: ~trial.is_last, shorter, first)
     return _ended(state, search, trial)
 
