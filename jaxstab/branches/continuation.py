@@ -3,6 +3,7 @@
 import math
 from dataclasses import replace
 from functools import partial
+from typing import TypeVar
 
 import equinox as eqx
 import jax
@@ -10,12 +11,12 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxstab.branches.branch import Branch, Turn
+from jaxstab.branches.branch_record import Recording, Tables
 from jaxstab.branches.branch_steps import (
     BranchState,
     Entry,
     begin,
     entry_of,
-    is_same,
     next_state,
     two_loads,
 )
@@ -34,13 +35,12 @@ from jaxstab.core.checks import (
     scalar_parameter,
 )
 from jaxstab.core.compile import own_conventions
-from jaxstab.core.control_flow import by_entries, while_loop
+from jaxstab.core.control_flow import by_entries, cond, while_loop
 from jaxstab.core.display import several
 from jaxstab.core.implicit import refuse_derivatives
-from jaxstab.core.interrupts import early_ends, interrupts_after, interrupts_held
-from jaxstab.core.progress import advance_if_known, progress_bar
+from jaxstab.core.interrupts import early_ends, interrupts_held
+from jaxstab.core.progress import progress_bar
 from jaxstab.core.results import RESULTS
-from jaxstab.core.stack import stacked
 from jaxstab.core.table import Table
 from jaxstab.core.types import ArrayLike, Field, Flag, Scalar
 from jaxstab.core.warn import warn
@@ -55,6 +55,7 @@ from jaxstab.loads import Load
 _MAX_TURNS = 16
 # A branch at its first state, and its turn as if it had one.
 Begun = tuple[ContinuationProblem, BranchState, Entry, Turn]
+Records = TypeVar("Records", Recording, Tables)
 
 
 def continuation(
@@ -150,9 +151,9 @@ def _search(
 ) -> Branch:
     inputs = contact, load, start, steps
     if is_traced(inputs):
-        traced = by_entries(lambda *inputs: _traced(number, fields, _begun(is_state, *inputs)))
-        return traced(*inputs)
-    return _eager(number, fields, _begun(is_state, *inputs))
+        within = by_entries(lambda *inputs: _with_room(number, fields, _begun(is_state, *inputs)))
+        return within(*inputs)
+    return _known(number, fields, _begun(is_state, *inputs))
 
 
 def _begun(
@@ -161,6 +162,32 @@ def _begun(
     solver = SaddleNewton() if is_state else PreconditionedConjugateGradient()
     problem, branch = begin(contact, load, find(contact, load[0], solver, start), *steps)
     return problem, branch, *entry_of(problem, branch)
+
+
+def _followed(
+    problem: ContinuationProblem, branch: BranchState, records: Records
+) -> tuple[BranchState, Records]:
+    """Return a branch at its end, or where its records are full, and these.
+
+    1. Step along the curve until there is a new state, or the branch ends.
+    2. If the load turns there where it has turned before, the branch is a loop, and ends.
+    3. Record the state, and the turn.
+    """
+
+    def goes_on(state: tuple[BranchState, Records]) -> Flag:
+        branch, records = state
+        return branch.is_on & ~concrete(records.is_full)
+
+    def further(state: tuple[BranchState, Records]) -> tuple[BranchState, Records]:
+        branch, records = state
+        branch, entry, turn = _gone_on(problem, branch)
+        is_turn = concrete(branch.step.is_new) & concrete(branch.step.turns)
+        is_loop = cond(is_turn, lambda: records.has(problem, turn), lambda: False)
+        end = cond(is_loop, lambda: KINDS.loop, lambda: branch.end)
+        branch = replace(branch, end=end)
+        return branch, records.append(branch, entry, turn)
+
+    return while_loop(goes_on, further, (branch, records))
 
 
 def _gone_on(problem: ContinuationProblem, branch: BranchState) -> tuple[BranchState, Entry, Turn]:
@@ -174,57 +201,29 @@ def _gone_on(problem: ContinuationProblem, branch: BranchState) -> tuple[BranchS
     return ended, *entry_of(problem, ended)
 
 
-def _eager(number: int, fields: bool, begun: Begun) -> Branch:
-    """Return a branch to its end, or until interrupted, state by state."""
-    problem, branch, entry, like = begun
-    entries = [_kept(entry, fields)]
-    turns = []
+def _known(number: int, fields: bool, begun: Begun) -> Branch:
+    """Return a branch to its end, or until interrupted."""
+    problem, branch, entry, turn = begun
+    recording = Recording(number, fields, branch, entry, turn)
     try:
-        while branch.is_on and len(entries) < number:
-            gone_on = jax.block_until_ready(_gone_on(problem, branch))
-            # A step is kept with its state, its turn and how it ended, or not at all.
-            with interrupts_after():
-                branch, entry, turn = gone_on
-                if branch.step.is_new:
-                    entries.append(_kept(entry, fields))
-                    advance_if_known(entry)
-                    if branch.step.turns:
-                        if any(is_same(problem, turn, other) for other in turns):
-                            branch = replace(branch, end=KINDS.loop)
-                        turns.append(turn)
+        _followed(problem, branch, recording)
     except early_ends():
-        warn(f"The branch was interrupted after {several(len(entries), 'state')}.", PathInterrupted)
-        branch = replace(branch, result=RESULTS.interrupted)
+        states = several(len(recording.entries), "state")
+        warn(f"The branch was interrupted after {states}.", PathInterrupted)
+        recording.branch = replace(recording.branch, result=RESULTS.interrupted)
     with interrupts_held():
-        return _branch(problem, branch, stacked(entries, entry), stacked(turns, like))
+        return _branch(problem, recording.branch, *recording.rows())
 
 
-def _kept(entry: Entry, fields: bool) -> Entry:
-    return entry if fields else replace(entry, point=replace(entry.point, gap=jnp.zeros((0,))))
-
-
-def _traced(number: int, fields: bool, begun: Begun) -> Branch:
+def _with_room(number: int, fields: bool, begun: Begun) -> Branch:
     """Return a branch in room for a number of states, within a program."""
     problem, branch, entry, turn = begun
     states = Table.like(entry, number, fields).with_entry(entry, jnp.array(True))
-
-    def further(state: tuple[BranchState, Table, Table]) -> tuple[BranchState, Table, Table]:
-        branch, states, turns = state
-        branch, entry, turn = _gone_on(problem, branch)
-        is_turn = branch.step.is_new & branch.step.turns
-        is_loop = is_turn & is_same(problem, turn, turns.rows)
-        branch = replace(branch, end=KINDS.where(is_loop, KINDS.loop, branch.end))
-        states = states.with_entry(entry, branch.step.is_new)
-        return branch, states, turns.with_entry(turn, is_turn)
-
-    def goes_on(state: tuple[BranchState, Table, Table]) -> Flag:
-        return state[0].is_on & ~state[1].is_full & ~state[2].is_full
-
-    start = branch, states, Table.like(turn, _MAX_TURNS)
-    branch, states, turns = jax.lax.while_loop(goes_on, further, start)
-    is_cut = branch.is_on & turns.is_full & ~states.is_full
+    tables = Tables(states, Table.like(turn, _MAX_TURNS))
+    branch, tables = _followed(problem, branch, tables)
+    is_cut = branch.is_on & tables.turns.is_full & ~tables.states.is_full
     branch = replace(branch, result=RESULTS.where(is_cut, RESULTS.store_full, branch.result))
-    return _branch(problem, branch, states.rows, turns.rows)
+    return _branch(problem, branch, tables.states.rows, tables.turns.rows)
 
 
 def _branch(

@@ -53,7 +53,7 @@ def test_it_goes_on_from_an_unstable_state_of_a_branch(hertz, branch):
 
 @pytest.mark.usefixtures("interruptible")
 def test_an_interrupted_branch_keeps_the_turn_of_its_last_state(hertz, branch, monkeypatch):
-    module = importlib.import_module("jaxstab.branches.continuation")
+    module = importlib.import_module("jaxstab.branches.branch_record")
     count, number = itertools.count(1), int(branch.turns.state[0])
 
     def interrupted(_):
@@ -69,7 +69,7 @@ def test_an_interrupted_branch_keeps_the_turn_of_its_last_state(hertz, branch, m
 
 @pytest.mark.usefixtures("interruptible")
 def test_an_interrupt_before_the_last_state_is_kept_leaves_no_end_of_it(hertz, monkeypatch):
-    module = importlib.import_module("jaxstab.branches.continuation")
+    module = importlib.import_module("jaxstab.branches.branch_record")
     load = js.MeanDisplacement(jnp.array([1.6, 1.55]))
     whole = js.continuation(hertz, load, max_states=24)
     assert whole.end == "load"
