@@ -27,9 +27,9 @@ from jaxstab.core.checks import (
 from jaxstab.core.display import column, number
 from jaxstab.core.equality import Comparable
 from jaxstab.core.results import SolverError
+from jaxstab.core.roots import bisect
 from jaxstab.core.types import ArrayLike, Scalar
 from jaxstab.core.units import LENGTH, NO_UNITS, Units, shown_unit, unit_symbol
-from jaxstab.references.roots import bisect
 
 # The default ranges: the resolution at the shortest one, and each over the one before.
 _RESOLUTION = 8.0
@@ -182,6 +182,9 @@ def _by_power(lengths: np.ndarray, values: np.ndarray, target: float) -> tuple[f
     power = near + (near - far) / steps if steps else near
     value = _along_power(lengths, values, power, target)
     if steps:
+        if target == 0:
+            # The rising power tells of a limit, to which a lower one would not lead.
+            far = max(far, _LEAST_POWER)
         other = _along_power(lengths, values, far, target)
     else:
         other = float(np.polynomial.Polynomial.fit(lengths, values, 2)(target))

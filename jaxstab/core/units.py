@@ -52,7 +52,7 @@ _SI = {
     "length": ("m", 0, 1),
     "voltage": ("V", 0, 0),
 }
-_DIMENSIONS = {*_SI, "time", "resistivity", "load"}
+_DIMENSIONS = {*_SI, "time", "temperature", "resistivity", "load"}
 _WORD = re.compile(r"([a-z]+)(?:\^(\d))?")
 _ON_A_LINE = {
     "energy": "energy/length",
@@ -109,8 +109,8 @@ NO_UNITS = Units()
 class Dimension(str):
     """The name of a dimension, as in Annotated[Array, Dimension("pressure^3 length^2")].
 
-    Words are length, pressure, energy, force, area, time and number "1", with powers, in products
-    divided by a product. Units in tables, figures and files follow from it.
+    Words are length, pressure, energy, force, area, time, temperature and number "1", with powers,
+    in products divided by a product. Units in tables, figures and files follow from it.
 
     Raises:
         ValueError: for other words or powers.

@@ -18,8 +18,8 @@ from typing import NamedTuple
 import numpy as np
 
 from jaxstab.core.checks import require
+from jaxstab.core.roots import bisect
 from jaxstab.references.arguments import Array, ArrayLike, not_negative, positive
-from jaxstab.references.roots import bisect
 
 _SQRT_6 = np.sqrt(6)
 

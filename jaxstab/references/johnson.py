@@ -17,8 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jaxstab.core.checks import require
+from jaxstab.core.roots import bisect
 from jaxstab.references.arguments import Array, ArrayLike, positive
-from jaxstab.references.roots import bisect
 
 
 class WavyState(NamedTuple):

@@ -19,9 +19,9 @@ from typing import NamedTuple
 import numpy as np
 
 from jaxstab.core.checks import require
+from jaxstab.core.roots import bisect
 from jaxstab.references import jkr
 from jaxstab.references.arguments import Array, ArrayLike, not_negative, positive
-from jaxstab.references.roots import bisect
 
 # The range of ln(N / A), from nearly JKR to nearly no contact, and the range for folds, which ends
 # before rounding blurs them.

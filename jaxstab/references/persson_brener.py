@@ -11,8 +11,8 @@ B. N. J. Persson, E. A. Brener, Phys. Rev. E 71, 036123 (2005).
 import numpy as np
 
 from jaxstab.core.checks import require
+from jaxstab.core.roots import bisect
 from jaxstab.references.arguments import Array, ArrayLike, not_negative, positive
-from jaxstab.references.roots import bisect
 
 
 def tip_radius(

@@ -7,6 +7,7 @@ from jaxstab.solids.solid import Altered, Solid, apart_from_mean
 from jaxstab.solids.spectral import Spectral, SpectralSolid, Waves
 from jaxstab.solids.surface_tension import Sheet, SurfaceTension
 from jaxstab.solids.viscoelastic import Viscoelastic
+from jaxstab.solids.williams_landel_ferry import WilliamsLandelFerry
 
 __all__ = [
     "Altered",
@@ -21,5 +22,6 @@ __all__ = [
     "SurfaceTension",
     "Viscoelastic",
     "Waves",
+    "WilliamsLandelFerry",
     "apart_from_mean",
 ]

@@ -12,7 +12,6 @@ from jaxstab.core.checks import (
     parameter,
     possible,
     require,
-    require_finite,
     require_known,
     require_positive,
     scalar_parameter,
@@ -22,11 +21,17 @@ from jaxstab.core.types import ArrayLike, Flag, Scalar
 from jaxstab.core.units import NUMBER, TIME
 from jaxstab.solids.half_space import HalfSpace
 from jaxstab.solids.layers import Layer
+from jaxstab.solids.prony_fit import (
+    CREEP,
+    OSCILLATION,
+    RELAXATION,
+    Kind,
+    checked,
+    fitted,
+    relaxation_of,
+)
 from jaxstab.solids.solid import Solid
-
-# Neighbouring relaxation times of a fit differ by a factor of 1.26: a time between two is
-# represented by both to better than 1 %.
-_TIMES_PER_DECADE = 10
+from jaxstab.solids.williams_landel_ferry import WilliamsLandelFerry
 
 
 def _of_relaxed(name: str) -> Any:
@@ -45,9 +50,10 @@ class Viscoelastic(Solid):
         solid: the relaxed solid, with the long-time modulus.
         ratios: r_k >= 0, one for each relaxation time.
         times: t_k > 0, in increasing order [time].
+        shift: of the times over the temperature, for `at_temperature`; None if it is not known.
 
     Attributes:
-        fit_error: the error of `from_storage_and_loss`, if it made the solid; else None.
+        fit_error: the error of a fit to measured data, if one made the solid; else None.
 
     Raises:
         TypeError: for a solid that is not elastic.
@@ -59,10 +65,18 @@ class Viscoelastic(Solid):
     ratios: Annotated[Float[Array, " terms"], NUMBER]
     times: Annotated[Float[Array, " terms"], TIME]
     fit_error: Annotated[Scalar | None, NUMBER] = None
+    shift: WilliamsLandelFerry | None = None
 
-    def __init__(self, solid: Solid, ratios: ArrayLike, times: ArrayLike):
+    def __init__(
+        self,
+        solid: Solid,
+        ratios: ArrayLike,
+        times: ArrayLike,
+        shift: WilliamsLandelFerry | None = None,
+    ):
         _require_elastic("The relaxed solid", solid)
         self.solid = solid
+        self.shift = shift
         self.fit_error = None
         self.ratios = jnp.atleast_1d(parameter(ratios, "The ratios"))
         self.times = jnp.atleast_1d(parameter(times, "The relaxation times"))
@@ -112,7 +126,14 @@ class Viscoelastic(Solid):
 
     @classmethod
     def from_storage_and_loss(
-        cls, solid: Solid, frequencies: ArrayLike, storage: ArrayLike, loss: ArrayLike
+        cls,
+        solid: Solid,
+        frequencies: ArrayLike,
+        storage: ArrayLike,
+        loss: ArrayLike,
+        temperatures: ArrayLike | None = None,
+        *,
+        reference_temperature: ArrayLike | None = None,
     ) -> "Viscoelastic":
         """Fit a Prony series with non-negative moduli to a measured storage and loss modulus.
 
@@ -124,89 +145,141 @@ class Viscoelastic(Solid):
         of the band the series is an extrapolation: its relaxed modulus is that of the lowest
         frequencies.
 
+        With temperatures the times are those at the reference temperature, and `shift` is the law
+        of Williams, Landel and Ferry with which one series fits the data at all temperatures best,
+        E(w, T) = E(a_T w, T0) (time-temperature superposition). Moduli themselves are taken to
+        change with the frequency alone.
+
         `fit_error` of the result is the largest |E - E_measured| / |E_measured| in the band.
 
         Arguments:
             solid: gives the kind of solid and Poisson's ratio; its Young's modulus becomes the
                 relaxed one.
-            frequencies: w, angular, each once, in any order [1/time].
+            frequencies: w, angular, in any order, each once at a temperature [1/time].
             storage: E' at each frequency, of Young's modulus [pressure]. Shear moduli are to be
                 multiplied by 2 (1 + nu).
             loss: E'' at each frequency [pressure].
+            temperatures: T at which each was measured, three different ones or more, in kelvin or
+                in degrees Celsius; by default all are measured at one.
+            reference_temperature: T0, by default the middle one of the different temperatures.
 
         Raises:
             TypeError: for a solid without a single Young's modulus, and under a JAX transformation:
                 the number of terms depends on the data.
             ValueError: for arrays of other or different shapes, numbers that are not finite,
                 frequencies that repeat, storage moduli or frequencies that are not positive,
-                negative losses, and data without a relaxed modulus or without any loss.
+                negative losses, and data without a relaxed modulus or without any loss; for one or
+                two temperatures, neighbouring ones at which no storage modulus is the same, and
+                moduli that do not fall on heating.
         """
-        from scipy.optimize import nnls
+        return cls._fitted(
+            OSCILLATION, solid, frequencies, (storage, loss), temperatures, reference_temperature
+        )
 
+    @classmethod
+    def from_relaxation(
+        cls,
+        solid: Solid,
+        times: ArrayLike,
+        moduli: ArrayLike,
+        temperatures: ArrayLike | None = None,
+        *,
+        reference_temperature: ArrayLike | None = None,
+    ) -> "Viscoelastic":
+        """Fit a Prony series with non-negative moduli to a measured relaxation modulus.
+
+        E(t) = E_relaxed + sum E_k exp(-t / t_k) is the stress at a time after a step of the strain,
+        over that strain. Fit, temperatures and `fit_error` are as in `from_storage_and_loss`, with
+        candidates for t_k from the shortest time of the data to the longest.
+
+        Arguments:
+            solid: as in `from_storage_and_loss`.
+            times: t after the step, in any order, each once at a temperature [time].
+            moduli: E at each time, of Young's modulus [pressure].
+            temperatures, reference_temperature: as in `from_storage_and_loss`.
+
+        Raises:
+            TypeError, ValueError: as `from_storage_and_loss`; times and moduli must be positive.
+        """
+        return cls._fitted(RELAXATION, solid, times, (moduli,), temperatures, reference_temperature)
+
+    @classmethod
+    def from_creep(
+        cls,
+        solid: Solid,
+        times: ArrayLike,
+        compliances: ArrayLike,
+        temperatures: ArrayLike | None = None,
+        *,
+        reference_temperature: ArrayLike | None = None,
+    ) -> "Viscoelastic":
+        """Fit a Prony series to a measured creep compliance.
+
+        J(t) = J_0 + sum J_k (1 - exp(-t / tau_k)) is the strain at a time after a step of the
+        stress, over that stress. It is fitted with J_0, J_k >= 0 as a modulus is in
+        `from_storage_and_loss`, with candidates for the retardation times tau_k from the shortest
+        time of the data to the longest. The Prony series with this creep follows exactly: it has as
+        many terms, and the relaxed modulus 1 / (J_0 + sum J_k). `fit_error` is the error of J.
+
+        Arguments:
+            solid: as in `from_storage_and_loss`.
+            times: t after the step, in any order, each once at a temperature [time].
+            compliances: J at each time, of Young's modulus [1/pressure].
+            temperatures, reference_temperature: as in `from_storage_and_loss`.
+
+        Raises:
+            TypeError, ValueError: as `from_storage_and_loss`; times and compliances must be
+                positive, and the fit must have a compliance at once.
+        """
+        return cls._fitted(CREEP, solid, times, (compliances,), temperatures, reference_temperature)
+
+    @classmethod
+    def _fitted(
+        cls,
+        kind: Kind,
+        solid: Solid,
+        arguments: ArrayLike,
+        values: tuple[ArrayLike, ...],
+        temperatures: ArrayLike | None,
+        reference: ArrayLike | None,
+    ) -> "Viscoelastic":
+        """Return the solid with the series that fits measured data best."""
         _require_elastic("The solid", solid)
         if not hasattr(solid, "youngs_modulus"):
             raise TypeError(
                 f"The solid is a {type(solid).__name__}, without one Young's modulus to replace: "
                 "give a HalfSpace, a FreeHalfSpace or a Layer."
             )
-        require_known((frequencies, storage, loss), "The fit of a Prony series")
-        names = "The frequency", "The storage modulus", "The loss modulus"
-        given = [
-            np.asarray(parameter(values, name), np.float64)
-            for name, values in zip(names, (frequencies, storage, loss), strict=True)
-        ]
-        w, real, imaginary = given
-        if w.ndim != 1 or not w.size or any(values.shape != w.shape for values in given):
-            raise ValueError(
-                f"The frequencies have shape {w.shape}, the storage moduli {real.shape}, the loss "
-                f"moduli {imaginary.shape}: give one of each for each of one or more frequencies."
-            )
-        for name, values in zip(names[:2], given[:2], strict=True):
-            cure = "it must be positive and finite."
-            require(name, values, (values > 0) & (values < np.inf), cure)
-        require_finite(names[2], imaginary)
-        cure = "it must not be negative: leave this frequency out, or give the loss as positive."
-        require(names[2], imaginary, imaginary >= 0, cure)
-        distinct, counts = np.unique(w, return_counts=True)
-        repeated = counts > 1
-        cure = "average its moduli, or leave all but one out."
-        for frequency, count in zip(distinct[repeated], counts[repeated], strict=True):
-            raise ValueError(f"The frequency {frequency} is given {count} times: {cure}")
-
-        slowest = distinct[0]
-        fastest = distinct[-1]
-        number = 1 + round(_TIMES_PER_DECADE * np.log10(fastest / slowest))
-        times = np.geomspace(1 / fastest, 1 / slowest, number)
-        turns = 1j * w[:, None] * times
-        terms = np.column_stack([np.ones(w.size), turns / (1 + turns)])
-        measured = real + 1j * imaginary
-        rows = terms / abs(measured)[:, None]
-        target = measured / abs(measured)
-        moduli, _ = nnls(
-            np.concatenate([rows.real, rows.imag]), np.concatenate([target.real, target.imag])
-        )
-        # Rounding leaves traces of other terms.
-        moduli[moduli < 1e-12 * moduli.sum()] = 0
-        relaxed = moduli[0]
-        kept = moduli[1:] > 0
-        cure = "the data are of a liquid. Give lower frequencies, at which the storage levels off."
-        require("The relaxed modulus of the fit", relaxed, relaxed > 0, cure)
-        if not kept.any():
-            raise ValueError(
-                "The data are fitted best without any relaxation, by an elastic solid of modulus "
-                f"{relaxed:.6g}: use that solid, or give frequencies with losses."
-            )
-        relaxed_solid = eqx.tree_at(
-            lambda solid: solid.youngs_modulus, solid, parameter(float(relaxed))
-        )
-        found = cls(relaxed_solid, moduli[1:][kept] / relaxed, times[kept])
-        error = np.max(abs(terms @ moduli - measured) / abs(measured))
+        given = arguments, values, temperatures, reference
+        require_known(given, "The fit of a Prony series")
+        series = fitted(checked(kind, arguments, values, temperatures), reference)
+        relaxed, moduli, times = relaxation_of(kind, series)
+        relaxed_solid = eqx.tree_at(lambda solid: solid.youngs_modulus, solid, parameter(relaxed))
+        found = cls(relaxed_solid, moduli / relaxed, times, series.shift)
         return eqx.tree_at(
             lambda solid: solid.fit_error,
             found,
-            parameter(float(error)),
+            parameter(series.error),
             is_leaf=lambda x: x is None,
         )
+
+    def at_temperature(self, temperature: ArrayLike) -> "Viscoelastic":
+        """Return the solid at another temperature, with its times multiplied by a_T of `shift`.
+
+        Arguments:
+            temperature: T, in the unit of the reference temperature of `shift`.
+
+        Raises:
+            ValueError: without a `shift`, and for a temperature at which it diverges.
+        """
+        if self.shift is None:
+            raise ValueError(
+                "The solid has no shift of its times over the temperature: give it as `shift`, a "
+                "jaxstab.solids.WilliamsLandelFerry, or fit the solid to data at three or more."
+            )
+        times = self.times * self.shift.factor(temperature)
+        shift = self.shift.referred_to(temperature)
+        return eqx.tree_at(lambda solid: (solid.times, solid.shift), self, (times, shift))
 
     @classmethod
     def power_law(

@@ -26,13 +26,13 @@ from jaxstab.core.checks import (
     require_known,
 )
 from jaxstab.core.display import Outcome, several
+from jaxstab.core.roots import bisect
 from jaxstab.core.types import ArrayLike, Flag, Scalar
 from jaxstab.core.units import ENERGY, FORCE, PRESSURE, TIME, Dimension, measured
 from jaxstab.equilibrium import Equilibrium, equilibrate
 from jaxstab.equilibrium.equilibrium import State, single_start
 from jaxstab.loading import follow, pull_off
 from jaxstab.loads import Load, MeanPressure, require_loads
-from jaxstab.references.roots import bisect
 from jaxstab.transitions.barrier_curve import BarrierCurve
 
 # Barriers count where all higher ones add at most this to the probability of detachment.

@@ -119,8 +119,13 @@ def test_single_precision_and_one_frequency_are_fitted():
     [
         ((1.0, 2.0, 1.0), (3.0, 4.0, 3.0), (1.0, 1.0, 1.0), r"1\.0 is given 2 times: average"),
         ((1.0, 2.0), (3.0, 4.0), (1.0, -0.5), r"loss modulus is -0\.5 at \(1,\): .* leave this"),
-        ((1.0, 2.0), (3.0, 4.0, 5.0), (1.0, 1.0), r"storage moduli \(3,\).*give one of each"),
-        ((), (), (), r"shape \(0,\)"),
+        (
+            (1.0, 2.0),
+            (3.0, 4.0, 5.0),
+            (1.0, 1.0),
+            r"\(2,\) of the frequency, \(3,\) of the storage.*one of each",
+        ),
+        ((), (), (), r"shapes \(0,\)"),
         ((1.0, np.nan), (3.0, 4.0), (1.0, 1.0), "frequency is nan"),
         ((0.0, 2.0), (3.0, 4.0), (1.0, 1.0), "frequency is 0.0"),
         ((1.0, 2.0), (3.0, np.inf), (1.0, 1.0), "storage modulus is inf"),

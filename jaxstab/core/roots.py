@@ -3,11 +3,14 @@
 from collections.abc import Callable
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
-from jaxstab.references.arguments import Array, ArrayLike
 
-
-def bisect(function: Callable[[Array], Array], negative: ArrayLike, positive: ArrayLike) -> Array:
+def bisect(
+    function: Callable[[NDArray[np.float64]], NDArray[np.float64]],
+    negative: ArrayLike,
+    positive: ArrayLike,
+) -> NDArray[np.float64]:
     """Find the root of a continuous function between a negative and a positive value, by bisection.
 
     The function acts entry by entry. For an entry without a change of sign the result is the end
