@@ -41,6 +41,8 @@ _NEGLIGIBLE = 1e-4
 _TOLERANCE = 0.02
 # The path goes on beyond the pull-off by this part of it.
 _BEYOND = 1e-3
+# A state is at the load if its mean pressure is within this part of the pull-off: solvers round.
+_AT_LOAD = 1e-4
 _SHOWN = 0.05, 0.5, 0.95
 
 
@@ -233,8 +235,11 @@ def detachment(
         limit = pull_off(contact, initial=start)
         first = -float(load.value)
         last = -float(limit.load.value)
-        _require_between(load, first, -float(pressure), last)
-        ends = MeanPressure(np.array([pressure, -(1 + _BEYOND) * last]))
+        begin = -float(pressure)
+        if abs(begin - first) <= _AT_LOAD * last:
+            begin = first
+        _require_between(load, first, begin, last)
+        ends = MeanPressure(np.array([-begin, -(1 + _BEYOND) * last]))
         path = follow(contact, ends, initial=start, fields=True)
         curve = BarrierCurve(contact, path, limit)
         lowest = 0.0

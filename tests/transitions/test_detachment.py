@@ -119,6 +119,20 @@ def test_a_load_that_grows_from_zero_has_the_work_of_separation_as_its_barrier(d
     assert found.survival(1.00001 * found.median) == 0
 
 
+def test_a_state_at_the_load_but_for_rounding_is_one_to_begin_from(detaching):
+    contact, _ = detaching
+    options = {"thermal_energy": 2e-4, "attempt_rate": 1e9}
+    for value in (0.0, -0.05):
+        load = js.MeanPressure(value)
+        state = js.equilibrate(contact, load)
+        # The state at rest may carry a tension of rounding, as here beyond the load.
+        rounded = replace(state, mean_pressure=state.mean_pressure - 1e-12)
+        found = js.detachment(contact, load, initial=rounded, **options)
+        default = js.detachment(contact, load, **options)
+        assert found.loads[0] == value
+        np.testing.assert_allclose(found.barriers[0], default.barriers[0], rtol=1e-8)
+
+
 # A contact whose state jumps before its pull-off, through a release.
 def test_barriers_on_both_sides_of_a_jump_are_those_of_its_states(detaching):
     line, _ = detaching
