@@ -18,13 +18,14 @@ from jaxstab.loading import Path as Followed
 from jaxstab.loading.observe import Observed
 from jaxstab.loading.sweep import Sweep
 from jaxstab.stability import Stability
-from jaxstab.transitions import Transition
+from jaxstab.transitions import Detachment, Transition
 
-# The figures of results along a path, by the class of the result.
+# The figures of results that need no contact, by the class of the result.
 _OF_STATES = {
     Followed: plots.path,
     Branch: plots.branch,
     Evolution: plots.evolution,
+    Detachment: plots.detachment,
     Observed: plots.observed,
 }
 

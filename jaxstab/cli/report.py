@@ -38,6 +38,7 @@ _FUNCTIONS = (
     js.assess_stability,
     js.follow,
     js.pull_off,
+    js.extrapolate,
     js.patches,
     js.HalfSpace,
     js.potentials.Exponential,
@@ -103,6 +104,7 @@ def _parts(options: argparse.Namespace, results: Results, notes: list[str]) -> I
         "The largest tension of a contact that is unloaded by a dead load from zero pressure."
     )
     yield page.table(*_pull_offs(results))
+    yield from _extrapolation(results)
     yield page.heading("Patches and verdicts at three loads")
     yield page.table(*_loads(results))
     yield page.figures(_of_patches(results))
@@ -128,7 +130,7 @@ def _answers(results: Results) -> list[tuple[str, str]]:
     first, longer, coarser = results.pull_offs
     touching = f"{100 * float(rest.equilibrium.contact_area):.1f} % of the area in contact"
     return [
-        ("pull-off", _tension(contact, first)),
+        ("pull-off", _uncertain_tension(results)),
         ("… with twice the range", _change(first, longer)),
         ("… on half the points along each side", _change(first, coarser)),
         ("work of separation", _share_of_work(results, float(loop.work_of_separation))),
@@ -141,6 +143,46 @@ def _tension(contact: js.Contact, pull_off: CriticalLoad) -> str:
     if pull_off.result != RESULTS.successful:
         return f"not found: {RESULTS[pull_off.result]}"
     return measured(contact.units, -float(pull_off.load.value), "pressure")
+
+
+def _uncertain_tension(results: Results) -> str:
+    """Return the tension of the pull-off at the range of the law, with its error."""
+    tension = results.tension
+    if math.isnan(tension.error):
+        unknown = "" if math.isnan(tension.value) else ", with an unknown error"
+        return f"{_tension(results.contact, results.pull_offs[0])}{unknown}"
+    divisor, unit = readable_unit(results.contact.units, "pressure", tension.value)
+    value = f"{tension.value / divisor:.3g} ± {tension.error / divisor:.1g} {shown_unit(unit)}"
+    return value if tension.extrapolation is None else f"{value}, extrapolated to the range"
+
+
+def _extrapolation(results: Results) -> Iterator[str]:
+    """Yield how the tension of the pull-off and its error follow."""
+    tension = results.tension
+    contact = results.contact
+    if tension.refusal:
+        yield page.paragraph(
+            "The pull-off could not be extrapolated from ranges that the grid resolves better, so "
+            f"that its error is not known: {in_options(tension.refusal)}"
+        )
+    elif tension.extrapolation is None and not math.isnan(tension.error):
+        yield page.paragraph(
+            f"The error is that of the grid, at a resolution of {float(contact.resolution):.3g}."
+        )
+    elif tension.extrapolation is not None:
+        found = tension.extrapolation
+        yield page.paragraph(
+            f"The pull-off at the range rho, {_uncertain_tension(results)}, is extrapolated from "
+            "longer ranges, which the grid resolves better. Its error is that of the extrapolation "
+            "and of the grid."
+        )
+        columns = found.ranges.tolist(), found.resolutions.tolist(), found.values.tolist()
+        units = contact.units
+        rows = [
+            [measured(units, length, "length"), f"{fine:.3g}", measured(units, value, "pressure")]
+            for length, fine, value in zip(*columns, strict=True)
+        ]
+        yield page.table(rows, ["range", "resolution", "tension"])
 
 
 def _change(pull_off: CriticalLoad, other: CriticalLoad) -> str:

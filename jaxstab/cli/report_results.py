@@ -11,7 +11,7 @@ import numpy as np
 import jaxstab as js
 from jaxstab.branches.differentiable_limit import CriticalLoad
 from jaxstab.cli.problem import topography_of
-from jaxstab.contact.resolution import FOR_JUMPS
+from jaxstab.contact.resolution import FOR_JUMPS, PINNING
 from jaxstab.core.results import RESULTS
 from jaxstab.equilibrium import Equilibrium
 from jaxstab.stability import Stability
@@ -30,6 +30,10 @@ _NEAR = 1e-3
 _SMALLEST_JUMP = 1e-5
 # The other range, over the range.
 _LONGER = 2.0
+# From this resolution on the pull-off is computed, below it is extrapolated from the ranges that
+# have it and are so many times as long.
+_RESOLVED = 8.0
+_RATIOS = 1.3 ** np.arange(4)
 
 
 @dataclass(frozen=True)
@@ -39,6 +43,23 @@ class LoadedState:
     equilibrium: Equilibrium
     patches: js.Patches
     stability: Stability
+
+
+@dataclass(frozen=True)
+class Tension:
+    """The tension of the pull-off, with its error by the range and the grid.
+
+    Attributes:
+        value: the tension; NaN without a pull-off.
+        error: of it; NaN where it is not known.
+        extrapolation: from longer ranges, None where the grid resolves the range.
+        refusal: why the extrapolation tells no value, "" where it does.
+    """
+
+    value: float
+    error: float
+    extrapolation: js.Extrapolation | None = None
+    refusal: str = ""
 
 
 @dataclass(frozen=True)
@@ -54,6 +75,7 @@ class Results:
         states: states under three pressures, the first without load.
         loop: the path of approach and retraction.
         pull_offs: of the contact, of one with a longer range, and of one on half the points.
+        tension: of the pull-off, with its error.
     """
 
     scan: Topography
@@ -65,6 +87,7 @@ class Results:
     states: list[LoadedState]
     loop: js.Path
     pull_offs: list[CriticalLoad]
+    tension: Tension
 
 
 def results_of(options: argparse.Namespace) -> Results:
@@ -87,7 +110,8 @@ def results_of(options: argparse.Namespace) -> Results:
     # A coarser grid is the purpose of the last one.
     with warnings.catch_warnings(action="ignore", category=js.ResolutionWarning):
         pull_offs.append(_pull_off(js.Contact(coarser_solid, coarser, law)))
-    return Results(scan, power_law, surface, solid, law, contact, states, loop, pull_offs)
+    tension = _tension(contact, pull_offs[0])
+    return Results(scan, power_law, surface, solid, law, contact, states, loop, pull_offs, tension)
 
 
 def _resampled(surface: Topography, size: int | None) -> Topography:
@@ -147,6 +171,27 @@ def _pull_off(contact: js.Contact) -> CriticalLoad:
     pull_off = js.pull_off(contact, progress=True, throw=False)
     _require_uninterrupted(pull_off.result)
     return pull_off
+
+
+def _tension(contact: js.Contact, pull_off: CriticalLoad) -> Tension:
+    """Return the tension of a pull-off, extrapolated if the grid does not resolve the range."""
+    if pull_off.result != RESULTS.successful:
+        return Tension(math.nan, math.nan)
+    computed = -float(pull_off.load.value)
+    resolution = float(contact.resolution)
+    if resolution >= _RESOLVED:
+        return Tension(computed, computed * PINNING / resolution**2)
+
+    def tension(longer: js.Contact) -> float:
+        found = _pull_off(longer)
+        return -float(found.load.value) if found.result == RESULTS.successful else math.nan
+
+    ranges = _RATIOS * float(js.resolved_range(contact, _RESOLVED))
+    try:
+        found = js.extrapolate(tension, contact, ranges=ranges)
+    except js.SolverError as error:
+        return Tension(computed, math.nan, refusal=str(error))
+    return Tension(float(found.value), float(found.error), found)
 
 
 def _require_uninterrupted(result: RESULTS) -> None:

@@ -99,8 +99,8 @@ def extrapolate(
     one: with that power Q goes on from the two shortest ranges to the one asked for.
 
     The error is the sum of two. One is the change of the value with the power of the three longest
-    ranges, or with a parabola if there are three in all. The other is the change if each value
-    is lower by the error of a pull-off at its resolution, 20 % over its square, as contact
+    ranges, or with the power 1, a straight line: the larger one. The other is the change if each
+    value is lower by the error of a pull-off at its resolution, 20 % over its square, as contact
     edges are pinned to the grid. Longer `ranges` make the second smaller, and the first larger.
 
     Arguments:
@@ -178,17 +178,14 @@ def _by_power(lengths: np.ndarray, values: np.ndarray, target: float) -> tuple[f
     """Return the value at a target, the power, and the error of the value by that of the power."""
     near = _power(lengths[:_FEWEST], values[:_FEWEST])
     far = _power(lengths[-_FEWEST:], values[-_FEWEST:])
-    steps = len(lengths) - _FEWEST
-    power = near + (near - far) / steps if steps else near
+    steps = max(len(lengths) - _FEWEST, 1)
+    power = near + (near - far) / steps
     value = _along_power(lengths, values, power, target)
-    if steps:
-        if target == 0:
-            # The rising power tells of a limit, to which a lower one would not lead.
-            far = max(far, _LEAST_POWER)
-        other = _along_power(lengths, values, far, target)
-    else:
-        other = float(np.polynomial.Polynomial.fit(lengths, values, 2)(target))
-    return value, power, abs(value - other)
+    if target == 0:
+        # The rising power tells of a limit, to which a lower one would not lead.
+        far = max(far, _LEAST_POWER)
+    others = [_along_power(lengths, values, other, target) for other in (1.0, far)]
+    return value, power, max(abs(value - other) for other in others)
 
 
 def _power(lengths: np.ndarray, values: np.ndarray) -> float:

@@ -28,7 +28,7 @@ from jaxstab.loading.observe import Observed
 from jaxstab.loading.sweep import Sweep
 from jaxstab.loads import Load
 from jaxstab.stability import Stability
-from jaxstab.transitions import Transition
+from jaxstab.transitions import Detachment, Transition
 
 # Xarray is imported where it is used, since its import is slow.
 if TYPE_CHECKING:
@@ -36,7 +36,9 @@ if TYPE_CHECKING:
 
 # Dimensions, values and attributes.
 Variable = tuple[Sequence[str], np.ndarray, dict[str, str]]
-Result = Equilibrium | Stability | Sweep | Path | Branch | Evolution | Transition | Observed
+Result = (
+    Equilibrium | Stability | Sweep | Path | Branch | Evolution | Transition | Detachment | Observed
+)
 
 # The number of the format, to be raised when this version could not read files of the next.
 FORMAT = 3
@@ -44,7 +46,9 @@ FORMAT = 3
 _MODULI = ("youngs_modulus", "poisson_ratio")
 # The long names of fields whose own names do not explain them.
 _NAMES = {
+    "attempt_rate": "attempt rate of thermal motion",
     "back": "energy of the saddle above the end",
+    "barriers": "barrier to detached surfaces",
     "bound": "proved lower bound of the smallest eigenvalue",
     "complementarity": "least reaction over the rms pressure",
     "contact_area": "number of contact points over the number of all points",
@@ -53,17 +57,22 @@ _NAMES = {
     "dissipated": "energy dissipated in the solid",
     "end": "end of the branch",
     "energies": "energy of the images and the load, above the start",
+    "errors": "error of the barriers since the load before",
     "factor": "factor of the law",
     "images": "gap along the string",
+    "is_direct": "whether each pass leads straight to detached surfaces",
     "incremental_stiffness": "force over a small approach",
     "index": "number of negative eigenvalues on the free points",
     "length": "range",
+    "loads": "mean pressure, positive in compression",
     "lost": "energy lost in jumps",
     "mean_pressure": "mean pressure, positive in compression",
     "mode": "mode of unit norm",
     "num_applications": "applications of the Hessian",
+    "num_passes": "loads at which the pass was computed",
     "poisson_ratio": "Poisson's ratio",
     "pressure": "elastic pressure, positive in compression",
+    "rate": "rate of the tension",
     "ratios": "moduli of the branches over the relaxed one",
     "reached": "time of the last state found",
     "residual": "relative residual",
@@ -79,6 +88,7 @@ _OWN_AXES: Mapping[type, Mapping[str, tuple[str, ...]]] = {
     Path: {**_STATES, "jumps": ("jump",)},
     Branch: {**_STATES, "index": ("state",), "turns": ("turn",)},
     Evolution: {"last": (), "reached": (), "jump_times": ("jump",), "dissipation": ("jump",)},
+    Detachment: dict.fromkeys(("loads", "barriers", "errors"), ("load",)),
     Transition: {"minima": ("minimum",), "images": ("image",), "energies": ("image",)},
 }
 
@@ -87,14 +97,15 @@ def to_dataset(contact: Contact, result: Result, *, fields: bool = True) -> "xar
     """Return a result as a data set with named dimensions, coordinates, units and long names.
 
     Fields have the dimensions x and y. The states of a sweep have the dimension `load`, the states
-    of a path or a branch `state`, jumps `jump`, turns `turn`, images of a transition `image`, and
-    the minima beside its saddle `minimum`. Beside the result the data set holds every parameter of
-    contact, law and solid, the law at many gaps, and the versions of the packages.
+    of a path or a branch `state`, jumps `jump`, turns `turn`, images of a transition `image`, the
+    minima beside its saddle `minimum`, and the barriers of a detachment `load`. Beside the result
+    the data set holds every parameter of contact, law and solid, the law at many gaps, and the
+    versions of the packages.
 
     Arguments:
         contact: the contact problem.
         result: a result of `equilibrate`, `assess_stability`, `sweep`, `follow`, `continuation`,
-            `transition`, `evolve` or `observe` for it.
+            `transition`, `detachment`, `evolve` or `observe` for it.
         fields: whether to keep the fields and histories, without which `jaxstab.load` cannot give
             the result back.
 
@@ -115,6 +126,8 @@ def to_dataset(contact: Contact, result: Result, *, fields: bool = True) -> "xar
     if isinstance(result, Transition):
         # It is known by the state that it starts from.
         holder = result.start
+    elif isinstance(result, Detachment):
+        holder = result.pull_off
     elif isinstance(result, Evolution):
         # Its contact is written once.
         alone = replace(result, contact=None)
@@ -147,12 +160,13 @@ def _axes(
     if not isinstance(result, Result):
         raise TypeError(
             f"{type(result).__name__} is no result of equilibrate, assess_stability, sweep, "
-            "follow, continuation, transition, evolve or observe. If it holds an equilibrium, give "
-            "that, as pull.equilibrium; a state of a path becomes one by equilibrate(contact, "
-            "path[i].load, initial=path[i])."
+            "follow, continuation, transition, detachment, evolve or observe. If it holds an "
+            "equilibrium, give that, as pull.equilibrium; a state of a path becomes one by "
+            "equilibrate(contact, path[i].load, initial=path[i])."
         )
     own = _OWN_AXES.get(type(result), {})
     axes: tuple[str, ...] = ()
+    stacked = 0
     if isinstance(result, Evolution):
         if result.is_batch:
             raise ValueError("These are several evolutions: choose one, as evolution[0].")
@@ -166,6 +180,9 @@ def _axes(
         _require_one("branches", result)
         stacked = 1
         field = result.turns.mode
+    elif isinstance(result, Detachment):
+        # A batch of rates has axes of its own.
+        field = result.pull_off.gap
     else:
         stacked = len(result.stack_shape)
         last = "load" if isinstance(result, Sweep) else "state"

@@ -84,8 +84,15 @@ def test_a_reports_numbers_are_those_of_the_library(made):
     area = f"{100 * float(state.contact_area):.1f} %"
     assert shown.row("without load") == [f"{area} of the area in contact, {verdict}"]
     assert shown.row("0 Pa")[0] == area
+    # Extrapolated to the range from those that the grid resolves twice as well and better.
+    ranges = js.resolved_range(contact, 8) * 1.3 ** np.arange(4)
+    found = js.extrapolate(lambda other: -js.pull_off(other).load.value, contact, ranges=ranges)
+    value, error = float(found.value) / 1e3, float(found.error) / 1e3
+    assert shown.row("pull-off") == [f"{value:.3g} ± {error:.1g} kPa, extrapolated to the range"]
+    assert shown.row(f"{1e9 * float(found.ranges[0]):.3g} nm")[0] == "8"
     tension = -float(js.pull_off(contact).load.value)
-    assert shown.row("pull-off") == [f"{tension / 1e3:.3g} kPa"]
+    assert shown.row("as above")[0] == f"{tension / 1e3:.3g} kPa"
+    assert abs(value - tension / 1e3) < error
     coarse = surface.resampled((8, 6))
     other = js.Contact(js.HalfSpace(coarse.grid, 1e6, 0.4), coarse, contact.potential)
     change = 100 * (-float(js.pull_off(other).load.value) / tension - 1)

@@ -82,6 +82,42 @@ def test_a_rough_line_meets_a_grid_twice_as_fine(seed):
     assert abs(found.values[0] - expected) > 3 * found.error
 
 
+@pytest.mark.nightly
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_a_rough_surface_meets_a_grid_twice_as_fine(seed):
+    contacts = []
+    for number in (64, 128):
+        grid = js.Grid(number)
+        heights = js.surfaces.self_affine(grid, jax.random.key(seed), k_high=4, rms_height=0.02)
+        law = js.potentials.Gaussian(4e-3, 1.0)
+        contacts.append(js.Contact(js.HalfSpace(grid, 1.0), heights, law))
+    coarse, fine = contacts
+    shortest = js.resolved_range(fine, 8)
+    found = js.extrapolate(pull_off, coarse, to=shortest)
+    law = js.potentials.Gaussian(4e-3, shortest)
+    expected = pull_off(js.Contact(fine.solid, fine.heights, law))
+    assert abs(found.value - expected) < found.error < 0.1 * abs(expected)
+    assert abs(found.value - expected) < abs(found.values[0] - expected)
+
+
+def test_the_error_is_at_least_the_distance_from_a_straight_line():
+    # The grid resolves the ranges, and the power is the same everywhere.
+    def law(contact):
+        return 3 - 0.01 * contact.potential.length**2
+
+    found = js.extrapolate(law, FLAT, ranges=[1, 1.5, 2, 3], to=0)
+    np.testing.assert_allclose(found.value, 3)
+    np.testing.assert_allclose(found.error, 0.01 * 1.5, rtol=1e-3)
+
+
+def test_a_limit_is_told_where_only_the_longest_ranges_rise_with_a_low_power():
+    # Pull-offs of a sphere on 128² points, over that of Johnson, Kendall and Roberts.
+    values = iter([1.04721, 1.06602, 1.08812, 1.11116])
+    found = js.extrapolate(lambda contact: next(values), FLAT, to=0)
+    np.testing.assert_allclose(found.value, 1, atol=0.02)
+    assert abs(found.value - 1) < found.error < 0.26
+
+
 def test_a_quantity_without_an_effect_of_the_range_has_no_power():
     found = js.extrapolate(lambda contact: 2.0, FLAT, to=0)
     assert found.value == 2 and np.isnan(found.power)

@@ -1,6 +1,7 @@
 """Branches of unstable states and passes, in files: to the last bit, labelled, drawn."""
 
 import os
+from dataclasses import replace
 
 import jax
 import jax.numpy as jnp
@@ -49,6 +50,36 @@ def test_a_pass_to_detached_surfaces_comes_back_and_is_drawn(detaching, tmp_path
         assert plain.images.shape == detaching[1].images.shape
     main(["info", str(path)])
     assert str(detaching[1]) in capsys.readouterr().out
+    main(["plot", str(path)])
+    assert os.path.getsize(capsys.readouterr().out.strip()) > 10_000
+    plt.close("all")
+
+
+def test_a_detachment_comes_back_and_says_what_it_is(detaching, tmp_path, capsys):
+    contact, _ = detaching
+    options = {"thermal_energy": 2e-4, "attempt_rate": 1e9}
+    held = js.detachment(contact, js.MeanPressure(-0.08), **options)
+    found = replace(held, rate=jnp.array([1.0, 1e3]))
+    for name, result in (("held", held), ("growing", found)):
+        path = js.save(tmp_path / f"{name}.nc", contact, result)
+        assert_same_bits((contact, result), js.load(path))
+        main(["info", str(path)])
+        said = capsys.readouterr().out
+        assert said.startswith("Detachment of an adhesive contact") and str(result) in said
+    np.testing.assert_array_equal(js.load(path)[1].median, found.median)
+    dataset = js.to_dataset(contact, found)
+    assert dataset.loads.dims == dataset.barriers.dims == dataset.errors.dims == ("load",)
+    assert dataset.rate.shape == (2,) and dataset.pull_off_gap.dims == ("x",)
+    np.testing.assert_array_equal(dataset.barriers, found.barriers)
+    assert dataset.barriers.attrs == {
+        "long_name": "barrier to detached surfaces",
+        "units": "energy/length",
+    }
+    assert dataset.rate.attrs["units"] == "pressure/time"
+    assert "barriers" in js.to_dataset(contact, found, fields=False)
+    stiff = js.Contact(js.HalfSpace(contact.grid, 2.0), contact.heights, contact.potential)
+    with pytest.raises(ValueError, match="no equilibrium of this contact"):
+        js.save(tmp_path / "other.nc", stiff, found)
     main(["plot", str(path)])
     assert os.path.getsize(capsys.readouterr().out.strip()) > 10_000
     plt.close("all")
