@@ -31,8 +31,10 @@ AT_STATES = {"float64": 1e-9, "float32": 1e-6}
 CLOSE = {"float64": 1e-12, "float32": 1e-7}
 _ACCURACY = 1e-2
 _MAX_STEPS = 12
-# A step that lowers a residual below the tolerance by less ends a search for a smaller one.
+# A step that lowers a residual below the tolerance by less ends a search for a smaller one; above
+# it, so many steps in turn do. Searches that succeeded had two of them at most.
 _LEAST_FALL = 0.5
+_MAX_FAILURES = 3
 # A step leaves at least this part of the gap over a core.
 _LEAST_SHARE = 0.2
 
@@ -173,10 +175,13 @@ def _newton(
     dtype = start.gap.dtype
     enough = TOLERANCE[dtype.name]
 
-    def goes_on(old: Found) -> Flag:
-        return ~old.is_found & jnp.isfinite(old.residual) & (old.num_steps <= _MAX_STEPS)
+    def goes_on(state: tuple[Found, Scalar, Int[Array, ""]]) -> Flag:
+        old, _, num_failures = state
+        may_succeed = jnp.isfinite(old.residual) & (num_failures < _MAX_FAILURES)
+        return ~old.is_found & may_succeed & (old.num_steps <= _MAX_STEPS)
 
-    def step(old: Found) -> Found:
+    def step(state: tuple[Found, Scalar, Int[Array, ""]]) -> tuple:
+        old, least_residual, num_failures = state
         at = old.place.at
         follows = problem.follows
         forces = problem.forces(at)
@@ -202,9 +207,12 @@ def _newton(
         at = choose(is_found, at, Point(gap, at.pressure + change.pressure))
         tangent = choose(is_found, curve.unit(direction.plus(change)), near)
         place = Place(at, problem.free_points(at), tangent)
-        return Found(place, forces, residual, old.num_steps + ~is_found, is_found)
+        found = Found(place, forces, residual, old.num_steps + ~is_found, is_found)
+        num_failures = jnp.where(residual <= _LEAST_FALL * least_residual, 0, num_failures + 1)
+        return found, jnp.minimum(residual, least_residual), num_failures
 
     infinite = jnp.full((), jnp.finfo(dtype).max, dtype)
     place = Place(start, problem.free_points(start), near)
-    first = Found(place, zeros_of(problem.forces, start), infinite, jnp.array(0), jnp.array(False))
-    return jax.lax.while_loop(goes_on, step, first)
+    none = jnp.array(0)
+    first = Found(place, zeros_of(problem.forces, start), infinite, none, jnp.array(False))
+    return jax.lax.while_loop(goes_on, step, (first, infinite, none))[0]

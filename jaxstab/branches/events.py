@@ -250,7 +250,11 @@ def _on_cubic(step: _SmoothStep, old: Place, bracket: _Bracket) -> tuple[Conditi
     start = start.plus(first, part * rest**2).plus(second, -(part**2) * rest)
     # That of the cubic would be a small difference of both ends.
     direction = slopes[0].scaled(rest).plus(slopes[1], part)
-    return on_plane(row, row.times(old.at) + distance, jnp.abs(step.length)), start, direction
+    # The place along the step is needed no more closely than the fold, and in a short step it is
+    # not known to more digits.
+    dtype = distance.dtype.name
+    scale = _NARROW[dtype] / CLOSE[dtype] * jnp.abs(step.length)
+    return on_plane(row, row.times(old.at) + distance, scale), start, direction
 
 
 @program
