@@ -64,7 +64,7 @@ def follow(
     A step is predicted from the two states before, and corrected by conjugate gradients. Where a
     branch ends, the load goes on by 1e-6 of its range, and conjugate gradients lower the energy
     from the last state to an equilibrium. An overdamped relaxation, g' = -(K u + p0 + f'), reached
-    the same contact points in all of 120 jumps of rough surfaces (benchmarks/results/jumps.md).
+    the same contact points in all of 162 jumps of rough surfaces (benchmarks/results/jumps.md).
     Between jumps a branch is reversible. So the loss of the path is the sum over its jumps of the
     differences of two potentials at one load. `unlocated` estimates the loss in smaller jumps.
     Surfaces that a tension has pulled apart stay so until there is a pressure.
