@@ -2,7 +2,7 @@
 
 A sphere is extrapolated to the limit of Johnson, Kendall and Roberts, and a wave to that of
 Johnson. Rough surfaces are extrapolated to the shortest range that a grid twice as fine resolves as
-well, and compared with the pull-off on that grid. Without `--quick` it takes some six minutes on
+well, and compared with the pull-off on that grid. Without `--quick` it takes some five minutes on
 two idle cores.
 """
 

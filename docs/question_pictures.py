@@ -134,7 +134,7 @@ def humidity(names: Names, axes: Axes) -> None:
     percent = 100 * np.array(names["humidities"])
     for (name, forces), colour in zip(names["forces"].items(), (BLUE, VERMILION), strict=True):
         axes.plot(percent, forces, "o-", color=colour, label=name)
-    exact = 4 * np.pi * 100 * 0.0728
+    exact = 4 * np.pi * 100 * 0.0727
     axes.axhline(exact, color=BLACK, linestyle="--", label=r"$4 \pi R \gamma$")
     axes.set(xlabel="relative humidity [%]", ylabel="pull-off [nN]", ylim=(0, 1.1 * exact))
     axes.legend()

@@ -6,7 +6,7 @@ contact, and falls at longer ranges. So it is found for the three shortest of a 
 the three longest, and its change is continued.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Annotated, Any, NamedTuple
 
 import equinox as eqx
@@ -34,6 +34,8 @@ from jaxstab.core.units import LENGTH, NO_UNITS, Units, shown_unit, unit_symbol
 # The default ranges: the resolution at the shortest one, and each over the one before.
 _RESOLUTION = 8.0
 _RATIOS = 1.3 ** np.arange(4)
+# The extrapolation is tried at this part of the shortest range.
+_TRIED = 0.5**0.5
 # The powers that are sought, and the least one that tells of a limit at the range zero.
 _POWERS = -2.0, 6.0
 _LEAST_POWER = 0.3
@@ -98,10 +100,13 @@ def extrapolate(
     longest. From one range to the next it changes, and it changes as much again below the shortest
     one: with that power Q goes on from the two shortest ranges to the one asked for.
 
-    The error is the sum of two. One is the change of the value with the power of the three longest
-    ranges, or with the power 1, a straight line: the larger one. The other is the change if each
-    value is lower by the error of a pull-off at its resolution, 20 % over its square, as contact
-    edges are pinned to the grid. Longer `ranges` make the second smaller, and the first larger.
+    The error is the sum of three. One is the change of the value with the power of the three
+    longest ranges, or with the power 1, a straight line: the larger one. The second is the change
+    if each value is lower by the error of a pull-off at its resolution, 20 % over its square, as
+    contact edges are pinned to the grid. Longer `ranges` make it smaller, and the first larger. The
+    third is from a trial: at a range shorter than all by 2^(1/2), or at the one asked for if that
+    is longer, Q is computed as well. What the extrapolation there is off by, beyond the error of
+    the grid, is continued to the range asked for, in proportion to the change of Q.
 
     Arguments:
         function: returns one number for a contact, such as the load of its `pull_off`, or the
@@ -129,14 +134,33 @@ def extrapolate(
     target = float(nonnegative_parameter(scalar_parameter(target, "The range"), "The range"))
     cure = f"the longest that is computed is {lengths[-1]:.6g}, give `ranges` up to it."
     require("The range", target, target <= lengths[-1], cure)
-    contacts = [_with_range(contact, length) for length in lengths]
+    # The trial comes last, and only below the shortest range.
+    tried = max(target, _TRIED * lengths[0])
+    below = [tried] if tried < lengths[0] else []
+    contacts = [_with_range(contact, length) for length in (*lengths, *below)]
     values = np.array([_number(function(one)) for one in contacts])
     resolutions = np.array([float(one.resolution) for one in contacts])
-    errors = np.abs(values).max() * PINNING / resolutions**2
-    found = _extrapolated(lengths, values, errors, target)
+    if not np.isfinite(values).all():
+        raise SolverError(
+            f"The function is {values} at the ranges {np.append(lengths, below)}: it must be "
+            "finite."
+        )
+    number = len(lengths)
+    errors = np.abs(values[:number]).max() * PINNING / resolutions**2
+    trials = [_Trial(*one) for one in zip(below, values[number:], errors[number:], strict=True)]
+    values, errors, resolutions = (x[:number] for x in (values, errors, resolutions))
+    found = _extrapolated(lengths, values, errors, target, trials)
     dtype = contact.heights.dtype
     fields = found.value, found.error, found.power, target, lengths, values, resolutions
     return Extrapolation(*(array(x, dtype) for x in fields), units=contact.units)
+
+
+class _Trial(NamedTuple):
+    """A range below the others, the value there, and its error by the grid."""
+
+    length: float
+    value: float
+    error: float
 
 
 class _Limit(NamedTuple):
@@ -148,11 +172,13 @@ class _Limit(NamedTuple):
 
 
 def _extrapolated(
-    lengths: np.ndarray, values: np.ndarray, errors: np.ndarray, target: float
+    lengths: np.ndarray,
+    values: np.ndarray,
+    errors: np.ndarray,
+    target: float,
+    trials: Sequence[_Trial] = (),
 ) -> _Limit:
     """Return the value at a target, by a power that goes on changing as from range to range."""
-    if not np.isfinite(values).all():
-        raise SolverError(f"The function is {values} at the ranges {lengths}: it must be finite.")
     spread = np.ptp(values)
     if spread <= errors[0]:
         # The range has less effect than the grid.
@@ -164,6 +190,10 @@ def _extrapolated(
     except SolverError:
         unpinned = value - spread
     error = change + abs(value - unpinned)
+    for trial in trials:
+        foreseen = _along_power(lengths, values, power, trial.length)
+        missed = max(abs(trial.value - foreseen) - trial.error, 0)
+        error += missed * abs((value - values[0]) / (foreseen - values[0]))
     if error > _LARGEST_ERROR * abs(values[0]):
         raise SolverError(
             f"The values {values} at the ranges {lengths} change so much that they tell "

@@ -275,12 +275,13 @@ class Capillary(Law):
         This is Kelvin's radius of a meniscus that is curved in one plane, as between surfaces that
         are far wider than their gap: a pressure gamma / r = (R T / V) |ln H| below that of the
         vapour. For water gamma V / (R T) is 0.54 nm at 20 degrees Celsius, so that r is 0.78 nm at
-        a humidity of 50 % (J. N. Israelachvili, Intermolecular and Surface Forces, 2011, chapter
-        17). Kelvin's equation describes radii down to a few nanometres.
+        a humidity of 50 %. Kelvin's equation describes radii down to 4 nm, and condensation also
+        below (Q. Yang et al., Nature 588, 250, 2020).
 
         Arguments:
             relative_humidity: H, the pressure of the vapour over that at saturation, from 0 to 1.
-            surface_tension: gamma [energy/area], of water 0.0728 J/m^2 at 20 degrees Celsius.
+            surface_tension: gamma [energy/area], of water 0.0727 J/m^2 at 20 degrees Celsius
+                (IAPWS R1-76, 2014).
             angle: theta, the contact angle, in radians.
             temperature: T [K].
             molar_volume: V of the liquid, by default of water [m^3/mol].

@@ -62,7 +62,7 @@ def test_johnsons_wave_comes_to_his_pull_off_within_a_percent():
     np.testing.assert_allclose(found.resolutions[0], 8)
     assert found.values[0] / expected < 0.98
     np.testing.assert_allclose(found.value, expected, rtol=1e-2)
-    assert abs(found.value - expected) < found.error < 0.05 * abs(expected)
+    assert abs(found.value - expected) < found.error < 0.06 * abs(expected)
 
 
 @pytest.mark.parametrize("seed", [1, 2])
@@ -79,7 +79,7 @@ def test_a_rough_line_meets_a_grid_twice_as_fine(seed):
     law = js.potentials.Gaussian(1e-4, shortest)
     expected = pull_off(js.Contact(fine.solid, fine.heights, law))
     assert abs(found.value - expected) < found.error < 0.05 * abs(expected)
-    assert abs(found.values[0] - expected) > 3 * found.error
+    assert abs(found.values[0] - expected) > 2 * found.error
 
 
 @pytest.mark.nightly
@@ -110,9 +110,38 @@ def test_the_error_is_at_least_the_distance_from_a_straight_line():
     np.testing.assert_allclose(found.error, 0.01 * 1.5, rtol=1e-3)
 
 
+@pytest.mark.parametrize(("target", "continued"), [(0.5**0.5, 0.5), (0.8, 0.36), (0.0, 1.0)])
+def test_an_extrapolation_that_a_shorter_range_belies_has_a_larger_error(target, continued):
+    # From the shortest range on the quantity falls less steeply: 3 - r^2 / 100 up to there.
+    def law(kink, contact):
+        length = float(contact.potential.length)
+        return 3 - 0.01 * length**2 if length >= 1 else 2.99 - kink * (1 - length**2)
+
+    errors = []
+    for kink in (-0.01, 0.03):
+        found = js.extrapolate(partial(law, kink), FLAT, ranges=[1, 1.5, 2, 3], to=target)
+        np.testing.assert_allclose(found.value, 3 - 0.01 * target**2)
+        errors.append(float(found.error))
+    # The trial is missed by 0.04 of the change to there.
+    np.testing.assert_allclose(errors[1] - errors[0], 0.04 * continued, rtol=1e-3)
+
+
+def test_within_its_ranges_an_extrapolation_needs_no_trial():
+    lengths = []
+
+    def law(contact):
+        lengths.append(float(contact.potential.length))
+        return lengths[-1] ** 2
+
+    js.extrapolate(law, FLAT, ranges=[1, 2, 3], to=1)
+    assert sorted(lengths) == [1, 2, 3]
+    js.extrapolate(law, FLAT, ranges=[1, 2, 3], to=0.9)
+    np.testing.assert_allclose(lengths[3:], [1, 2, 3, 0.9])
+
+
 def test_a_limit_is_told_where_only_the_longest_ranges_rise_with_a_low_power():
     # Pull-offs of a sphere on 128² points, over that of Johnson, Kendall and Roberts.
-    values = iter([1.04721, 1.06602, 1.08812, 1.11116])
+    values = iter([1.04721, 1.06602, 1.08812, 1.11116, 1.0312])
     found = js.extrapolate(lambda contact: next(values), FLAT, to=0)
     np.testing.assert_allclose(found.value, 1, atol=0.02)
     assert abs(found.value - 1) < found.error < 0.26
@@ -133,16 +162,16 @@ def test_an_extrapolation_prints_a_line_for_each_range():
 
 
 def test_what_tells_of_no_limit_is_refused_with_the_cure():
-    values = iter([1.0, 1.2, 1.1, 1.3])
+    values = iter([1.0, 1.2, 1.1, 1.3, 1.0])
     with pytest.raises(js.SolverError, match=r"rise and fall.*finer grid"):
         js.extrapolate(lambda contact: next(values), FLAT, to=0)
     # As of a rough contact of 48² points.
-    for jumping in ([1.27, 2.53, 2.6, 2.61], [1.0, 1.01, 2.0, 2.1]):
+    for jumping in ([1.27, 2.53, 2.6, 2.61, 1.2], [1.0, 1.01, 2.0, 2.1, 1.0]):
         given = partial(next, iter(jumping))
         with pytest.raises(js.SolverError, match="follow no power of the range from -2 to 6"):
             js.extrapolate(lambda contact, given=given: given(), FLAT, to=1e-4)
     shortest = js.resolved_range(FLAT, 8)
-    falling = iter([0.79e-4, 1.59e-4, 2.4e-4, 3.15e-4])
+    falling = iter([0.79e-4, 1.59e-4, 2.4e-4, 3.15e-4, 0.4e-4])
     with pytest.raises(js.SolverError, match=r"change so much.*above 25 % of the first"):
         js.extrapolate(lambda contact: next(falling), FLAT, to=0.7 * shortest)
     with pytest.raises(js.SolverError, match=r"nan.*must be finite"):
