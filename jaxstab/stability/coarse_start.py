@@ -11,7 +11,7 @@ from typing import TypeVar
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
+from jaxtyping import Array, Bool, Float, PRNGKeyArray
 
 from jaxstab.contact.hessian import Block, Hessian
 from jaxstab.core import model
@@ -19,7 +19,8 @@ from jaxstab.core.checks import array, concrete, is_transformed
 from jaxstab.core.compile import program
 from jaxstab.core.types import Field, Flag, Mask, Scalar
 from jaxstab.stability.cones import AdmissibleCone
-from jaxstab.stability.lowest_pair import Lowest, cone_starts, on_cone
+from jaxstab.stability.eigenpair import Minimum, admissible_pair
+from jaxstab.stability.lowest_pair import Cost, Lowest, cone_starts
 from jaxstab.stability.solvers.base import Eigensolver, noise
 from jaxstab.stability.solvers.cone_lobpcg import ProjectedLOBPCG
 
@@ -61,13 +62,15 @@ def roughly(solver: Solver, like: Field) -> Solver:
 
 
 @program
-def starts_on_space(coarse: Lowest, key: PRNGKeyArray, fine: Field) -> tuple[Block, Int[Array, ""]]:
-    """Return a block to start from on a linear space, and its cost in applications of A.
+def starts_on_space(
+    coarse: Minimum, modes: Block, key: PRNGKeyArray, fine: Field
+) -> tuple[Block, Cost]:
+    """Return a block to start from on a linear space, and its cost.
 
     The last of its vectors is a random one, in which no mode is missing.
     """
-    modes = [_refined(mode, fine) for mode in coarse.modes[:-1]]
-    return jnp.stack([*modes, *noise(key, 1, fine)]), _share_of(coarse, fine)
+    refined = [_refined(mode, fine) for mode in modes[:-1]]
+    return jnp.stack([*refined, *noise(key, 1, fine)]), _cost_of(fine, coarse)
 
 
 class ConeStart(eqx.Module):
@@ -78,50 +81,59 @@ class ConeStart(eqx.Module):
         is_needed: whether it is one.
         is_known: whether it is the answer, or there is none; then no coarser problem is solved.
         expected: the eigenvalue of the coarser problem, with which the one found has to agree.
-        cost: of the vector, in applications of A.
+        cost: of the vector.
     """
 
     vector: Field
     is_needed: Flag
     is_known: Flag
     expected: Scalar
-    cost: Int[Array, ""]
+    cost: Cost
 
 
 @program
 def start_from_hull(solver: ProjectedLOBPCG, cone: AdmissibleCone, hull: Lowest) -> ConeStart:
     """Return the lowest mode around a cone as the start on it, and whether it is the answer."""
-    starts, _, is_answer = cone_starts(solver, cone, hull, hull.modes[:0])
+    starts, _, is_answer = cone_starts(solver, cone, hull.pair.result, hull.modes, hull.modes[:0])
     is_known = is_answer | cone.is_trivial
     unknown = jnp.full_like(hull.pair.eigenvalue, jnp.nan)
-    return ConeStart(starts[0], jnp.array(True), is_known, unknown, jnp.array(0))
+    none = jnp.array(0)
+    return ConeStart(starts[0], jnp.array(True), is_known, unknown, (none, none))
 
 
 @program
-def start_from_coarse(around: Lowest, coarse: Lowest, fine: Field) -> ConeStart:
+def start_from_coarse(
+    hessian: Hessian, cone: AdmissibleCone, around: Minimum, coarse: Minimum, fine: Field
+) -> ConeStart:
     """Return the mode of a coarser problem as the start on a cone, at the cost of two searches."""
-    vector = _refined(coarse.pair.mode, fine)
+    eigenvalue, mode, _ = admissible_pair(hessian.restricted(cone.is_moving), cone, coarse.vector)
     no = jnp.array(False)
-    is_needed = jnp.any(vector != 0)
-    cost = _share_of(around, fine) + _share_of(coarse, fine)
-    return ConeStart(vector, is_needed, no, coarse.pair.eigenvalue, cost)
+    cost = _cost_of(fine, around, coarse)
+    return ConeStart(_refined(mode, fine), jnp.any(mode != 0), no, eigenvalue, cost)
 
 
 @program
-def lowest_from(
-    solver: ProjectedLOBPCG, hessian: Hessian, cone: AdmissibleCone, hull: Lowest, start: ConeStart
-) -> tuple[Lowest, Flag]:
-    """Return the pair on a cone that one start leads to, and whether to trust it."""
-    starts = start.vector[None], start.is_needed[None], start.is_known & ~cone.is_trivial
-    lowest = on_cone(solver, hessian, cone, hull, starts).costing(start.cost)
-    eigenvalue = lowest.pair.eigenvalue
-    agrees = jnp.abs(eigenvalue - start.expected) <= _TRUST * jnp.abs(eigenvalue)
-    return lowest, start.is_known | (start.is_needed & agrees)
+def mode_from(
+    solver: ProjectedLOBPCG, hessian: Hessian, cone: AdmissibleCone, start: ConeStart
+) -> tuple[Minimum, Flag]:
+    """Return the mode on a cone that one start leads to, and whether that was the answer."""
+    restricted = hessian.restricted(cone.is_moving)
+    found = solver.solve(restricted, cone, start.vector[None], start.is_needed[None])
+    return found, start.is_known
 
 
-def _share_of(coarse: Lowest, fine: Field) -> Int[Array, ""]:
-    """Return the number of applications on all points that cost as much as those of a search."""
-    return -(-coarse.pair.num_applications // (fine.size // coarse.pair.mode.size))
+def is_trusted(start: ConeStart, found: Lowest) -> bool:
+    """Return whether the pair that one start has led to is the lowest, outside of a trace."""
+    eigenvalue = float(found.pair.eigenvalue)
+    agrees = abs(eigenvalue - float(start.expected)) <= _TRUST * abs(eigenvalue)
+    return bool(start.is_known) or (bool(start.is_needed) and agrees)
+
+
+def _cost_of(fine: Field, *searches: Minimum) -> Cost:
+    """Return the number of applications on all points that cost as much as those of searches."""
+    none = jnp.array(0)
+    shares = (-(-found.num_applications // (fine.size // found.vector.size)) for found in searches)
+    return none, sum(shares, none)
 
 
 def _majority(mask: Mask) -> Bool[Array, " *coarse"]:

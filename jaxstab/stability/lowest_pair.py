@@ -1,4 +1,8 @@
-"""The lowest eigenpair on a linear space, and on a cone from the lowest modes around it."""
+"""The lowest eigenpair on a linear space, and on a cone from the lowest modes around it.
+
+A search has several programs: for its random starts, for the solver, and for the eigenpair of what
+that has found, which is one program on spaces and cones.
+"""
 
 from dataclasses import replace
 
@@ -6,18 +10,22 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Int
+from jaxtyping import Array, Bool, Int, PRNGKeyArray
 
 from jaxstab.contact.hessian import Block, Hessian
+from jaxstab.core.checks import array
+from jaxstab.core.compile import program
 from jaxstab.core.results import RESULTS
-from jaxstab.core.types import Flag
+from jaxstab.core.types import Field, Flag
 from jaxstab.stability.cones import AdmissibleCone, Subspace
-from jaxstab.stability.eigenpair import Eigenpair, measured
+from jaxstab.stability.eigenpair import Eigenpair, Minimum, measured
 from jaxstab.stability.ritz import norms
-from jaxstab.stability.solvers.base import ConeSolver, SpaceSolver
+from jaxstab.stability.solvers.base import BLOCK_SIZE, NUM_RANDOM, ConeSolver, SpaceSolver, noise
 
 # Starts on a cone, which of them are needed, and whether the first is the answer.
 ConeStarts = tuple[Block, Bool[Array, " starts"], Flag]
+# Steps, and applications of A.
+Cost = tuple[Int[Array, ""], Int[Array, ""]]
 # Up to so many points each one that lifts alone is a start too: near full contact others failed.
 _FEW = 24
 
@@ -40,6 +48,11 @@ class Lowest(eqx.Module):
         number = self.pair.num_applications + more
         return replace(self, pair=replace(self.pair, num_applications=number))
 
+    @property
+    def cost(self) -> Cost:
+        """Steps, and applications of A."""
+        return self.pair.num_steps, self.pair.num_applications
+
 
 def with_cost_of(before: Eigenpair, pair: Eigenpair) -> Eigenpair:
     """Return a pair at the cost of both."""
@@ -58,21 +71,100 @@ def on_space(solver: SpaceSolver, hessian: Hessian, space: Subspace, starts: Blo
     return Lowest(pair, pair.sign, found.vector)
 
 
-def on_cone(
-    solver: ConeSolver, hessian: Hessian, cone: AdmissibleCone, around: Lowest, starts: ConeStarts
+@program
+def random_starts(key: PRNGKeyArray, hessian: Hessian) -> Block:
+    """Return random fields, from which searches on all sets start."""
+    return hessian.solid.grid.device_put(noise(key, NUM_RANDOM, hessian.curvature))
+
+
+@program
+def modes_around(
+    solver: SpaceSolver, hessian: Hessian, cone: AdmissibleCone, starts: Block
+) -> tuple[Minimum, Block]:
+    """Return the lowest mode on the linear space around a cone, and a block of the lowest ones.
+
+    The first few of the starts are used.
+    """
+    starts = hessian.solid.grid.device_put(starts[:BLOCK_SIZE])
+    found = solver.solve(hessian.restricted(cone.is_moving), cone.hull, starts)
+    return replace(found, vector=found.vector[0]), found.vector
+
+
+@program
+def mode_on_cone(
+    solver: ConeSolver,
+    hessian: Hessian,
+    cone: AdmissibleCone,
+    around: RESULTS,
+    modes: Block,
+    random: Block,
+    before: Field | None = None,
+) -> tuple[Minimum, Flag]:
+    """Return the lowest mode on a cone, and whether it is one of the linear space around it.
+
+    Given are the lowest modes of that space, and how they were found.
+    """
+    if before is not None:
+        random = jnp.concatenate([before[None], random])
+    starts, is_needed, is_answer = cone_starts(solver, cone, around, modes, random)
+    return solver.solve(hessian.restricted(cone.is_moving), cone, starts, is_needed), is_answer
+
+
+def lowest_of(
+    hessian: Hessian,
+    cone: AdmissibleCone,
+    found: Minimum,
+    modes: Block,
+    is_answer: Flag | None = None,
+    before: Cost | None = None,
 ) -> Lowest:
-    """Return the lowest pair on a cone."""
-    vectors, is_needed, is_answer = starts
+    """Return the lowest pair on a cone, or on the linear space around it, from the mode found.
+
+    Arguments:
+        hessian: A.
+        cone: the cone.
+        found: the mode, as a solver has left it.
+        modes: the lowest ones of the linear space.
+        is_answer: whether none on the cone is lower; None for a mode of the linear space.
+        before: the cost of what the solver started from.
+    """
+    is_space = is_answer is None
+    if is_answer is None:
+        is_answer = array(True)
+    if before is None:
+        # Put, since JAX would compile a zero.
+        none = jax.device_put(np.zeros((), int))
+        before = none, none
+    pair, sign = _pair_of(hessian, cone, found, before, array(is_space), is_answer)
+    return Lowest(pair, sign, modes)
+
+
+@program
+def _pair_of(
+    hessian: Hessian,
+    cone: AdmissibleCone,
+    found: Minimum,
+    before: Cost,
+    is_space: Flag,
+    is_answer: Flag,
+) -> tuple[Eigenpair, Int[Array, ""]]:
+    """Return the eigenpair of a vector on a cone, or on the space around it, and its sign."""
     restricted = hessian.restricted(cone.is_moving)
-    found = solver.solve(restricted, cone, vectors, is_needed)
-    pair = measured(restricted, cone, found, found.vector)
+    domain = replace(cone, one_sided=cone.one_sided & ~is_space)
+    pair = measured(restricted, domain, found, found.vector)
     # In any other case a lower minimum may have been missed.
     pair = pair.with_proof(is_answer | cone.is_trivial)
-    return Lowest(pair, pair.sign, around.modes)
+    num_steps, num_applications = before
+    pair = replace(
+        pair,
+        num_steps=pair.num_steps + num_steps,
+        num_applications=pair.num_applications + num_applications,
+    )
+    return pair, pair.sign
 
 
 def cone_starts(
-    solver: ConeSolver, cone: AdmissibleCone, around: Lowest, random: Block
+    solver: ConeSolver, cone: AdmissibleCone, around: RESULTS, modes: Block, random: Block
 ) -> ConeStarts:
     """Return starts on a cone, which of them are needed, and whether the first is the answer.
 
@@ -80,12 +172,11 @@ def cone_starts(
     On few points each contact point that lifts is one too. If the lowest mode converged and lies in
     the cone, it is the answer and the only start.
     """
-    modes = around.modes
     starts = jnp.concatenate([modes[:2], -modes[:2], random])
     signs = jnp.stack([modes[0], -modes[0]])
     entering = norms(jnp.where(cone.one_sided, jnp.minimum(signs, 0), 0))
     is_admissible = jnp.min(entering) <= solver.tolerance_in(entering.dtype)
-    is_answer = (around.pair.result == RESULTS.successful) & is_admissible
+    is_answer = (around == RESULTS.successful) & is_admissible
     lowest = jnp.where(is_answer, signs[jnp.argmin(entering)], starts[0])
     is_needed = ~is_answer | (jnp.arange(len(starts)) == 0)
     starts = starts.at[0].set(lowest)

@@ -5,14 +5,10 @@ all three eigenvalues are one. Where every contact point presses, the critical c
 space.
 """
 
-from dataclasses import replace
+from jaxtyping import PRNGKeyArray
 
-import jax.numpy as jnp
-from jaxtyping import Array, Int, PRNGKeyArray
-
-from jaxstab.contact.hessian import Block, Hessian
+from jaxstab.contact.hessian import Hessian
 from jaxstab.core.checks import concrete
-from jaxstab.core.compile import program
 from jaxstab.core.control_flow import cond
 from jaxstab.core.progress import advance_if_known
 from jaxstab.core.types import ArrayLike, Flag
@@ -20,7 +16,8 @@ from jaxstab.stability.certificate import certified
 from jaxstab.stability.coarse_start import (
     coarser,
     has_coarser,
-    lowest_from,
+    is_trusted,
+    mode_from,
     roughly,
     start_from_coarse,
     start_from_hull,
@@ -28,8 +25,14 @@ from jaxstab.stability.coarse_start import (
 )
 from jaxstab.stability.cones import AdmissibleCone
 from jaxstab.stability.eigenproblems import Eigenproblems, Found, covering_doubt
-from jaxstab.stability.lowest_pair import Lowest, cone_starts, on_cone, on_space, with_cost_of
-from jaxstab.stability.solvers.base import BLOCK_SIZE, NUM_RANDOM, ConeSolver, SpaceSolver, noise
+from jaxstab.stability.lowest_pair import (
+    Lowest,
+    lowest_of,
+    mode_on_cone,
+    modes_around,
+    random_starts,
+)
+from jaxstab.stability.solvers.base import ConeSolver, SpaceSolver
 from jaxstab.stability.solvers.cone_lobpcg import ProjectedLOBPCG
 
 
@@ -95,28 +98,14 @@ def _lowest_on_hull(
     On a large grid the search begins with the modes of the coarser problem.
     """
     if not has_coarser(hessian):
-        return _on_hull_from_noise(spaces, hessian, cone, key)
-    coarse = _on_hull_from_noise(roughly(spaces, hessian.curvature), *coarser(hessian, cone), key)
-    return _on_hull(spaces, hessian, cone, *starts_on_space(coarse, key, hessian.curvature))
-
-
-@program
-def _on_hull_from_noise(
-    spaces: SpaceSolver, hessian: Hessian, cone: AdmissibleCone, key: PRNGKeyArray
-) -> Lowest:
-    return _on_hull(spaces, hessian, cone, noise(key, BLOCK_SIZE, hessian.curvature), jnp.array(0))
-
-
-@program
-def _on_hull(
-    spaces: SpaceSolver,
-    hessian: Hessian,
-    cone: AdmissibleCone,
-    starts: Block,
-    cost: Int[Array, ""],
-) -> Lowest:
-    starts = hessian.solid.grid.device_put(starts)
-    return on_space(spaces, hessian, cone.hull, starts).costing(cost)
+        found, modes = modes_around(spaces, hessian, cone, random_starts(key, hessian))
+        return lowest_of(hessian, cone, found, modes)
+    rough = roughly(spaces, hessian.curvature)
+    problem = coarser(hessian, cone)
+    coarse, modes = modes_around(rough, *problem, random_starts(key, problem[0]))
+    starts, cost = starts_on_space(coarse, modes, key, hessian.curvature)
+    found, modes = modes_around(spaces, hessian, cone, starts)
+    return lowest_of(hessian, cone, found, modes, before=cost)
 
 
 def _lowest_on_cone(
@@ -154,15 +143,18 @@ def _from_one_start(
     start = start_from_hull(solver, cone, hull)
     if not start.is_known:
         problem = coarser(hessian, cone)
-        around = _on_hull_from_noise(roughly(spaces, hessian.curvature), *problem, key)
+        random = random_starts(key, problem[0])
+        around, modes = modes_around(roughly(spaces, hessian.curvature), *problem, random)
         rough = roughly(solver, hessian.curvature)
-        coarse = _from_all_starts(rough, *problem, around, key)
-        start = start_from_coarse(around, coarse, hessian.curvature)
-    first, is_trusted = lowest_from(solver, hessian, cone, hull, start)
-    return first if is_trusted else _from_all_starts(solver, hessian, cone, hull, key, first)
+        coarse, _ = mode_on_cone(rough, *problem, around.result, modes, random)
+        start = start_from_coarse(*problem, around, coarse, hessian.curvature)
+    found, is_answer = mode_from(solver, hessian, cone, start)
+    first = lowest_of(hessian, cone, found, hull.modes, is_answer, start.cost)
+    if is_trusted(start, first):
+        return first
+    return _from_all_starts(solver, hessian, cone, hull, key, first)
 
 
-@program
 def _from_all_starts(
     solver: ConeSolver,
     hessian: Hessian,
@@ -172,11 +164,9 @@ def _from_all_starts(
     before: Lowest | None = None,
 ) -> Lowest:
     """Return the lowest pair on a cone, also from an earlier result if there is one."""
-    random = hessian.solid.grid.device_put(noise(key, NUM_RANDOM, hessian.curvature))
-    if before is not None:
-        random = jnp.concatenate([before.pair.mode[None], random])
-    starts = cone_starts(solver, cone, hull, random)
-    lowest = on_cone(solver, hessian, cone, hull, starts)
-    if before is None:
-        return lowest
-    return replace(lowest, pair=with_cost_of(before.pair, lowest.pair))
+    random = random_starts(key, hessian)
+    mode = None if before is None else before.pair.mode
+    around = hull.pair.result
+    found, is_answer = mode_on_cone(solver, hessian, cone, around, hull.modes, random, mode)
+    cost = None if before is None else before.cost
+    return lowest_of(hessian, cone, found, hull.modes, is_answer, cost)
