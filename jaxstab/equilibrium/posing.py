@@ -48,22 +48,29 @@ class Posed(eqx.Module, Generic[State]):
 
 def posed(contact: Contact, load: Load) -> Posed[Load]:
     """Return a contact and a load, or several, as they are solved."""
-    padded = contact.padded
-    return _in_characteristic_pressure(padded.known_core, padded, load)
+    return _posed(contact.padded, load)
 
 
 def posed_state(contact: Contact, equilibrium: Equilibrium) -> Posed[Equilibrium]:
     """Return a contact and one of its equilibria, on the grid and in the unit of solvers."""
-    padded, state = padded_state(contact, equilibrium)
-    return _in_characteristic_pressure(padded.known_core, padded, state)
+    return _posed(*padded_state(contact, equilibrium))
 
 
+def _posed(contact: Contact, state: State) -> Posed[State]:
+    own, unit = _in_characteristic_pressure(contact.known_core, contact)
+    return Posed(own, _in_units_of(state, unit), unit)
+
+
+# A program of its own, which all kinds of loads and states share.
 @partial(program, static_argnums=0)
-def _in_characteristic_pressure(
-    has_core: bool | None, contact: Contact, state: State
-) -> Posed[State]:
+def _in_characteristic_pressure(has_core: bool | None, contact: Contact) -> tuple[Contact, Scalar]:
     unit = contact.characteristic_pressure
-    return Posed(contact.in_units_of(unit, has_core), state.in_units_of(unit), unit)
+    return contact.in_units_of(unit, has_core), unit
+
+
+@program
+def _in_units_of(state: State, unit: Scalar) -> State:
+    return state.in_units_of(unit)
 
 
 def finished(found: Found, problem: Posed, describe: Callable[[Found], str], throw: bool) -> Found:

@@ -139,10 +139,8 @@ def _stability(equilibrium: Equilibrium, state: AssessedState, found: Found) -> 
     """Return the verdict on the eigenpairs of a search."""
     found = found.ordered()
     softest = jnp.abs(found.hull.eigenvalue)
-    lower_bound, cone, critical, hull = (
-        state.covered(pair, softest)
-        for pair in (found.lower_bound, found.cone, found.critical, found.hull)
-    )
+    pairs = found.lower_bound, found.cone, found.critical, found.hull
+    lower_bound, cone, critical, hull = state.covered(pairs, softest)
     # On a smaller set the smallest is not lower.
     cone = replace(cone, bound=jnp.maximum(cone.bound, lower_bound.bound))
     critical = replace(critical, bound=jnp.maximum(critical.bound, cone.bound))

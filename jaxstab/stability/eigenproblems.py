@@ -1,5 +1,6 @@
 """The eigenproblems of an equilibrium, and their smallest eigenpairs."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import equinox as eqx
@@ -21,6 +22,7 @@ from jaxstab.stability.barrier import pressure_scale
 from jaxstab.stability.cones import AdmissibleCone, Subspace
 from jaxstab.stability.eigenpair import Eigenpair, admissible_pair, lowered
 from jaxstab.stability.lowest_pair import with_cost_of
+from jaxstab.stability.ritz import norms
 
 # Reactions below this part of the pressure count as none, in units of the precision.
 _ROUNDING = 1e3
@@ -67,15 +69,18 @@ class AssessedState(eqx.Module):
     imbalance: Scalar
     sharpness: Field
 
-    def covered(self, pair: Eigenpair, softest: Scalar) -> Eigenpair:
-        """Return a pair whose error covers the error of the state, given its softest eigenvalue.
+    def covered(self, pairs: Sequence[Eigenpair], softest: Scalar) -> list[Eigenpair]:
+        """Return pairs whose errors cover the error of the state, given its softest eigenvalue.
 
         The gap may be off by dg = A^-1 r, and d lambda = sum f''' x^2 dg. Without an equilibrium
         there is no number.
         """
-        is_found = self.result == RESULTS.successful
         off = _DOUBT * self.imbalance / jnp.where(softest > 0, softest, 1)
-        change = jnp.sqrt(total((off * self.sharpness * pair.mode**2) ** 2))
+        changes = norms([off * self.sharpness * pair.mode**2 for pair in pairs])
+        return [self._covered(*each) for each in zip(pairs, changes, strict=True)]
+
+    def _covered(self, pair: Eigenpair, change: Scalar) -> Eigenpair:
+        is_found = self.result == RESULTS.successful
         return replace(
             pair,
             eigenvalue=jnp.where(is_found, pair.eigenvalue, jnp.nan),

@@ -12,7 +12,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from jaxstab.contact.hessian import Block, SymmetricOperator
 from jaxstab.core import model
-from jaxstab.core.control_flow import by_entries, choose, entry_of, on_platform
+from jaxstab.core.control_flow import by_entries, choose, entry_of, on_platform, with_entry
 from jaxstab.core.grid import total, totals
 from jaxstab.core.history import History, Indicators
 from jaxstab.core.loop import Iteration, integer_parameter, optional_parameter
@@ -110,7 +110,8 @@ class ProjectedLOBPCG(ConeSolver):
         """Return the lowest minimiser that the starts lead to."""
         problem = Eigenproblem(operator, cone)
         is_needed = jnp.broadcast_to(is_needed & ~cone.is_trivial, len(starts))
-        begin = jax.vmap(by_entries(_begin), (None, 0))(cone, starts)
+        projected = jax.vmap(by_entries(AdmissibleCone.project), (None, 0))(cone, starts)
+        begin = jax.vmap(_begin)(projected)
         found, is_best = multi_start(self, problem, begin, is_needed)
         best = entry_of(found, jnp.argmax(is_best))
         # All starts may lead to zero.
@@ -140,14 +141,14 @@ def _compared(old: _Point, mode: Array, product: Array) -> tuple[_Point, Flag]:
     return point, (change <= 0) & (square > 0)
 
 
-def _begin(cone: AdmissibleCone, start: Field) -> Iteration[_ConeState]:
-    """Return a start before its first step."""
+def _begin(start: Field) -> Iteration[_ConeState]:
+    """Return a start on the cone before its first step."""
     nothing = jnp.zeros_like(start)
     zero = jnp.zeros((), start.dtype)
-    # The first step begins at the projected start, as if that were where the last step led.
+    # The first step begins at the start, as if that were where the last step led.
     point = _Point(nothing, nothing, zero)
     none = jnp.array(0)
-    state = _ConeState(point, cone.project(start), nothing, nothing, none + _MAX_TRIES, none)
+    state = _ConeState(point, start, nothing, nothing, none + _MAX_TRIES, none)
     unknown = jnp.finfo(start.dtype).max.astype(start.dtype)
     history = History.empty(["residual"], start.dtype)
     history = history.record(none, none, {"residual": jnp.full_like(zero, jnp.nan)})
@@ -179,10 +180,13 @@ class _Plane(eqx.Module):
         pairs = [left * right for left in basis for right in (*basis, *products)]
         sums = totals([*pairs, *(product**2 for product in products)])
         gram, energies = jnp.split(sums[:-3].reshape(3, 6), 2, axis=1)
-        axes = gram[:, :0]
-        for part in jnp.eye(len(gram), dtype=gram.dtype):
-            axis = orthonormal(part, axes, gram, least_new(gram.dtype))
-            axes = jnp.column_stack([axes, axis])
+        units = jnp.eye(len(gram), dtype=gram.dtype)
+
+        def widened(index: Array, axes: Array) -> Array:
+            axis = orthonormal(entry_of(units, index), axes, gram, least_new(gram.dtype))
+            return with_entry(axes, index, axis, axis=1)
+
+        axes = jax.lax.fori_loop(0, len(gram), widened, jnp.zeros_like(gram))
         parts = rayleigh_ritz(axes, energies, 1)[1][:, 0]
         parts *= jnp.where(gram[0] @ parts < 0, -1, 1)
         # Combined products have no digits left where the basis reaches into stiff points, nor that
