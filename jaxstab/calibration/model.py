@@ -138,6 +138,8 @@ class Model:
         load = load.at(load.value - offset)
         problem = posed(self.contact_at(values), load)
         gap = start_of(problem.contact, problem.state, start)
-        found = as_given(solved(problem, PreconditionedConjugateGradient(), gap), problem)
+        found = as_given(
+            solved(problem.contact, problem.state, PreconditionedConjugateGradient(), gap), problem
+        )
         is_found = found.result == RESULTS.successful
         return jnp.where(is_found, found.mean_pressure, jnp.nan) + zero, found.gap

@@ -95,7 +95,7 @@ def equilibrium_from(
     throw: bool,
 ) -> Equilibrium:
     """Return the equilibrium of a contact under a load, given both as they are posed too."""
-    found = solved(problem, solver, start)
+    found = solved(problem.contact, problem.state, solver, start)
     equilibrium = finished(found, problem, partial(_describe, contact), throw)
     # As it was given, without the rounding of conversions.
     equilibrium = replace(equilibrium, load=load)
@@ -104,10 +104,10 @@ def equilibrium_from(
 
 
 @own_conventions()
-def solved(problem: Posed[Load], solver: EquilibriumSolver, start: Field) -> Equilibrium:
-    """Return the equilibrium of a contact as it is posed, differentiable."""
-    constants = jax.lax.stop_gradient((problem.contact, problem.state, solver, start))
-    return with_derivatives(problem.contact, problem.state, find(*constants))
+def solved(contact: Contact, load: Load, solver: EquilibriumSolver, start: Field) -> Equilibrium:
+    """Return the equilibrium of a contact under a load as they are posed, differentiable."""
+    constants = jax.lax.stop_gradient((contact, load, solver, start))
+    return with_derivatives(contact, load, find(*constants))
 
 
 def with_derivatives(contact: Contact, load: Load, found: Equilibrium) -> Equilibrium:

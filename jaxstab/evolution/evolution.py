@@ -17,7 +17,7 @@ from jaxstab.core.checks import require_kind
 from jaxstab.core.display import column
 from jaxstab.core.results import RESULTS
 from jaxstab.core.types import Field, Scalar
-from jaxstab.core.units import ENERGY, FORCE, LENGTH, NUMBER, PRESSURE, TIME
+from jaxstab.core.units import ENERGY, FORCE, LENGTH, NUMBER, PRESSURE, TIME, Dimensioned
 from jaxstab.equilibrium import Equilibrium
 from jaxstab.equilibrium.equilibrium import state_at
 from jaxstab.loads import Load, MeanDisplacement, MeanGap
@@ -38,7 +38,7 @@ class Internal(eqx.Module):
     strains: Annotated[Float[Array, " springs_and_grid"], LENGTH]
 
 
-class Totals(eqx.Module):
+class Totals(Dimensioned):
     """The scalars of a viscoelastic contact at a time, or at several.
 
     Attributes:
@@ -195,12 +195,16 @@ def or_nan(tree: Tree, result: RESULTS) -> Tree:
     return jax.tree.map(lambda leaf: jnp.where(is_found, leaf, jnp.nan), tree)
 
 
-def relaxed_contact(contact: Contact) -> Contact:
-    """Return the contact of the relaxed solid; raise `TypeError` if it is not viscoelastic."""
+def require_viscoelastic(contact: Contact) -> None:
+    """Raise `TypeError` for anything but a contact of a viscoelastic solid."""
     require_contact(contact)
-    solid: Any = contact.solid
     cure = "give the contact a Viscoelastic(solid, ratios, times)."
-    require_kind(solid, Viscoelastic, f"no solid with relaxation times: {cure}")
+    require_kind(contact.solid, Viscoelastic, f"no solid with relaxation times: {cure}")
+
+
+def relaxed_contact(contact: Contact) -> Contact:
+    """Return the contact of the relaxed solid."""
+    solid: Any = contact.solid
     return eqx.tree_at(lambda contact: contact.solid, contact, solid.relaxed)
 
 

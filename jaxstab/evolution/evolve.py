@@ -22,7 +22,7 @@ from jaxstab.core.checks import (
     require_finite,
     scalar_parameter,
 )
-from jaxstab.core.compile import own_conventions
+from jaxstab.core.compile import own_conventions, program
 from jaxstab.core.implicit import attach, undefined
 from jaxstab.core.interrupts import early_ends, interrupts_after, interrupts_held
 from jaxstab.core.progress import progress_bar
@@ -31,8 +31,14 @@ from jaxstab.core.stack import stacked
 from jaxstab.core.types import ArrayLike, Scalar
 from jaxstab.core.warn import warn
 from jaxstab.equilibrium import Equilibrium
+from jaxstab.equilibrium.posing import Posed, as_given, posed
 from jaxstab.equilibrium.start import start_of
-from jaxstab.evolution.evolution import Evolution, Internal, relaxed_contact
+from jaxstab.evolution.evolution import (
+    Evolution,
+    Internal,
+    relaxed_contact,
+    require_viscoelastic,
+)
 from jaxstab.evolution.legs import (
     RTOL,
     Leg,
@@ -109,7 +115,7 @@ def evolve(
             initial evolution of another contact.
         SolverError: if `throw`, where an equilibrium is not found, or there is no room left.
     """
-    relaxed = relaxed_contact(contact)
+    require_viscoelastic(contact)
     require_load(load)
     instants = parameter(times, "The times").astype(contact.heights.dtype)
     _require_value_at_each_time(load, concrete(instants))
@@ -121,14 +127,18 @@ def evolve(
     require("max_steps", room, room > 0, "it must be positive.")
     warn_if_coarse(contact, FOR_JUMPS)
 
-    inputs: Any = contact.padded, load, instants, _start(contact, relaxed, load[0], initial)
-    is_alone = not is_transformed((inputs, tolerance))
-    fixed: Any = jax.lax.stop_gradient((inputs, tolerance))
-    (padded, held, known_times, start), fixed_tolerance = fixed
+    if isinstance(initial, Evolution):
+        require_same_contact(contact, initial.contact, "The initial evolution")
+    problem = posed(contact, load)
+    start = _start(problem, initial)
+    inputs = problem, instants, start, tolerance
+    is_alone = not is_transformed(inputs)
+    known, known_times, known_start, known_tolerance = jax.lax.stop_gradient(inputs)
     # Leg by leg it is one program, whatever the evolution keeps.
-    stepping = TimeStepping(padded, held[0], fixed_tolerance, fields or is_alone)
-    legs = legs_between(concrete(known_times), concrete(held.value))
-    steps: Steps = start, no_increments(room, instants.dtype)
+    keeps_internal = fields or is_alone
+    stepping = TimeStepping(known.contact, known.state[0], known_tolerance, keeps_internal)
+    legs = legs_between(concrete(known_times), concrete(known.state.value))
+    steps: Steps = known_start, no_increments(room, instants.dtype)
     if is_alone:
         with progress_bar(legs.number.size, "time", shown=progress) as bar:
             steps, ends = _leg_by_leg(stepping, steps, legs, fields, bar)
@@ -138,7 +148,9 @@ def evolve(
     with interrupts_held() as interrupts:
         if isinstance(ends, list):
             ends = stacked(ends, ends[0])
-        evolution = _evolution(contact, load, instants, inputs, steps, ends)
+        evolution = _evolution(contact, problem, instants, start, steps, ends)
+        # As they were given, without the rounding of conversions.
+        evolution = replace(evolution, contact=contact, load=load[: len(evolution)])
         if is_alone:
             has_jumped = np.asarray(evolution.dissipation) > 0
             evolution = replace(
@@ -165,28 +177,30 @@ def _require_value_at_each_time(load: Load, times: Any) -> None:
     require("A time after the first", times[1:], times[1:] > times[:-1], cure)
 
 
-def _start(contact: Any, relaxed: Contact, load: Load, initial: Any) -> StepRecord:
+def _start(problem: Posed[Load], initial: Any) -> StepRecord:
     """Return the record at the first time."""
-    padded = contact.padded
+    contact = problem.contact
+    load = problem.state[0]
     dtype = contact.heights.dtype
     if isinstance(initial, Evolution):
-        require_same_contact(contact, initial.contact, "The initial evolution")
         memory = initial.internal
         result = RESULTS.promote("successful")
         cure = "start from a state that was found."
         require_finite("The gap of the initial evolution", memory.gap, cure)
     else:
-        held = getattr(initial, "load", load)
-        solid = contact.solid
-        gap = start_of(relaxed.padded, held, initial)
-        strains = jnp.zeros((1 + solid.times.size, *padded.grid.shape), dtype)
+        held = load
+        if hasattr(initial, "load"):
+            held = initial.load.in_units_of(problem.unit)
+        solid: Any = contact.solid
+        gap = start_of(relaxed_contact(contact), held, initial)
+        strains = jnp.zeros((1 + solid.times.size, *contact.grid.shape), dtype)
         # A step that takes for ever leaves the relaxed solid.
         long = solid.times[-1] / jnp.finfo(dtype).eps ** 2
-        rest = first_record(padded, held, Internal(gap, strains), long)
+        rest = first_record(contact, held, Internal(gap, strains), long)
         memory = rest.internal
         result = rest.result
     # It responds to the load at once.
-    start = first_record(padded, load, memory, jnp.zeros((), dtype))
+    start = first_record(contact, load, memory, jnp.zeros((), dtype))
     is_found = result == RESULTS.successful
     return replace(start, result=RESULTS.where(is_found, start.result, result))
 
@@ -213,25 +227,27 @@ def _leg_by_leg(
     return steps, ends
 
 
+@program
 def _evolution(
     contact: Contact,
-    load: Load,
+    problem: Posed[Load],
     times: Float[Array, " times"],
-    inputs: tuple,
+    start: StepRecord,
     steps: Steps,
     ends: LegEnd,
 ) -> Evolution:
-    """Return the evolution to the ends that were reached, with derivatives."""
+    """Return the evolution of a contact to the ends that were reached, with derivatives."""
+    inputs = problem.contact, problem.state, times, start
     record, increments = steps
     legs, _, fractions, losses = increments.rows
     found = Replay(ends.totals, losses, jnp.zeros_like(losses), record.internal)
     totals, losses, delays, last = attach(changes, found, (increments, ends), inputs)
     step_ends = along(times, legs, fractions) + delays
     number = ends.num_steps.size
-    return Evolution(
+    evolution = Evolution(
         **vars(totals) | {"stored": totals.stored - totals.stored[0]},
         contact=contact,
-        load=load[:number],
+        load=problem.state[:number],
         times=times[:number],
         force=totals.mean_pressure * contact.area,
         fields=attach(undefined, ends.internal, None, inputs),
@@ -242,6 +258,7 @@ def _evolution(
         num_steps=jnp.diff(ends.num_steps, prepend=0),
         result=ends.result,
     )
+    return as_given(evolution, problem)
 
 
 def _describe(evolution: Evolution, rtol: Scalar) -> str:

@@ -12,7 +12,7 @@ from jaxstab.core.checks import require_kind, require_known, require_positive, s
 from jaxstab.core.results import RESULTS, SolverError
 from jaxstab.core.types import ArrayLike
 from jaxstab.equilibrium import Equilibrium, equilibrate
-from jaxstab.evolution.evolution import Evolution, relaxed_contact
+from jaxstab.evolution.evolution import Evolution, relaxed_contact, require_viscoelastic
 from jaxstab.evolution.evolve import evolve
 from jaxstab.evolution.legs import RTOL
 from jaxstab.loads import Load, MeanPressure, require_loads
@@ -56,18 +56,17 @@ def lifetime(
         SolverError: where an equilibrium is not found for another reason than detachment, and for a
             contact that has not come to rest.
     """
-    relaxed = relaxed_contact(contact)
+    require_viscoelastic(contact)
     rtol = RTOL[contact.heights.dtype.name] if rtol is None else rtol
     require_known((contact, load, initial, until), "lifetime")
     require_loads(load, (), "lifetime takes one load", "use a loop.")
     with warned_once(contact, FOR_JUMPS):
-        return _lifetime(contact, relaxed, load, initial, until, rtol)
+        return _lifetime(contact, load, initial, until, rtol)
 
 
-def _lifetime(
-    contact: Contact, relaxed: Contact, load: Load, initial: Any, until: Any, rtol: Any
-) -> float:
+def _lifetime(contact: Contact, load: Load, initial: Any, until: Any, rtol: Any) -> float:
     solid: Any = contact.solid
+    relaxed = relaxed_contact(contact)
     start = initial
     if start is None:
         start = equilibrate(relaxed, MeanPressure(0.0))

@@ -30,7 +30,6 @@ from jaxstab.core.results import RESULTS
 from jaxstab.core.types import Field, Flag, Scalar
 from jaxstab.equilibrium import PreconditionedConjugateGradient
 from jaxstab.equilibrium.equilibrate import solved
-from jaxstab.equilibrium.posing import posed
 from jaxstab.evolution.evolution import Internal, Totals, moved_contact, on_gap, or_nan
 from jaxstab.loads import Load, Spring
 from jaxstab.potentials import energy_density
@@ -126,8 +125,7 @@ def take_step(
     if control.fixes_mean:
         # Full contact opens everywhere at once.
         start = jnp.where(jnp.max(start) > 0, start, 1)
-    problem = posed(moved, load)
-    found = solved(problem, PreconditionedConjugateGradient(), start).in_units_of(1 / problem.unit)
+    found = solved(moved, load, PreconditionedConjugateGradient(), start)
     gap = found.gap
     pressure = found.mean_pressure
 

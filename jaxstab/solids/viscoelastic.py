@@ -370,6 +370,10 @@ class Viscoelastic(Solid):
         part = self.ratios * (turns / length)
         return 1 + jnp.sum(part * (turns / length), axis=-1), jnp.sum(part / length, axis=-1)
 
+    def scaled(self, factor: Scalar) -> "Viscoelastic":
+        """Return this solid with its stiffness times a factor."""
+        return eqx.tree_at(lambda s: s.solid, self, self.solid.scaled(factor))
+
     @property
     def padded(self) -> "Viscoelastic":
         """The solid on the grid of the computation."""
@@ -397,7 +401,6 @@ class Viscoelastic(Solid):
     conforming = _of_relaxed("conforming")
     displacement = _of_relaxed("displacement")
     with_uniform_stiffness = _of_relaxed("with_uniform_stiffness")
-    scaled = _of_relaxed("scaled")
     coarser = _of_relaxed("coarser")
     stiffness_deficit = _of_relaxed("stiffness_deficit")
 
