@@ -8,6 +8,7 @@ from typing import ClassVar, Generic, Self, TypeVar
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Int, PyTree
 
 from jaxstab.core.checks import array, cast, concrete, parameter, require, require_positive
@@ -22,7 +23,7 @@ _STALL_FACTOR = 0.99
 # The least fall of the energy that is progress, over its fall so far, and in units of rounding.
 _LEAST_FALL = 1e-9
 _ROUNDING = 10
-NO_LIMIT = 2**31 - 1
+NO_LIMIT = int(np.iinfo(np.int32).max)
 
 
 def optional_parameter(value: ArrayLike | None) -> Scalar | None:

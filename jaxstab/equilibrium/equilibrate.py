@@ -32,9 +32,6 @@ from jaxstab.equilibrium.window import warn_at_edges
 from jaxstab.loads.held_gap import GapControl
 from jaxstab.loads.load import Control, Load, require_loads
 
-# A mean gap may be off by this part of itself, in units of the precision.
-_ROUNDING = 1e3
-
 
 def equilibrate(
     contact: Contact,
@@ -151,8 +148,7 @@ def concluded(contact: Contact, load: Load, iteration: Iteration[SolverState]) -
     gap = iteration.state.gap
     balance = iteration.state.balance
     energy = balance.elastic_energy + balance.adhesion
-    is_met = control.error(gap) <= _ROUNDING * jnp.finfo(gap.dtype).eps
-    is_finite = jnp.isfinite(energy) & is_met
+    is_finite = jnp.isfinite(energy) & control.is_met(gap)
     result = RESULTS.where(is_finite, iteration.result, RESULTS.nonfinite)
     is_sunk = jnp.sum(gap == 0) > jnp.sum(contact.solid.surface(gap == 0))
     result = RESULTS.where(is_sunk, RESULTS.sunk, result)

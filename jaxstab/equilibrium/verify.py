@@ -10,7 +10,7 @@ from jaxstab.core.results import RESULTS
 from jaxstab.equilibrium.equilibrium import Equilibrium
 from jaxstab.equilibrium.posing import posed_state
 
-# Rounding may add this to a residual, and to a load that is met, in units of the precision.
+# Rounding may add this to a residual, in units of the precision.
 _ROUNDING = 1e3
 
 
@@ -29,8 +29,8 @@ def recognised_by(balance: Balance, contact: Contact, equilibrium: Equilibrium) 
     reaction = equilibrium.reaction
     pressure = equilibrium.pressure
     rounding = _ROUNDING * jnp.finfo(gap.dtype).eps
-    load_error = contact.control(equilibrium.load).error(gap)
-    is_own = (balance.residual <= 2 * equilibrium.residual + rounding) & (load_error <= rounding)
+    is_met = contact.control(equilibrium.load).is_met(gap)
+    is_own = (balance.residual <= 2 * equilibrium.residual + rounding) & is_met
     result = RESULTS.where(is_own, RESULTS.successful, RESULTS.other_contact)
     result = RESULTS.where(jnp.isfinite(balance.residual), result, RESULTS.nonfinite)
     is_finite = jnp.isfinite(total(gap) + total(reaction) + total(pressure))

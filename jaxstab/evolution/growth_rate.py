@@ -22,9 +22,6 @@ from jaxstab.stability.lowest_pair import on_space
 from jaxstab.stability.solvers.base import BLOCK_SIZE, noise
 from jaxstab.stability.solvers.davidson import Davidson
 
-_MAX_STEPS = 30
-_TOLERANCE = 1e-10
-
 
 @own_conventions()
 def growth_rate(evolution: Evolution) -> Scalar:
@@ -69,29 +66,31 @@ def _singular_stiffening(
 ) -> tuple[Scalar, Field]:
     """Return the c >= 1 at which c K + D is singular, above `glassy` if that is unstable.
 
-    And the mode on the moving points that has no stiffness there.
+    And the mode on the moving points that has no stiffness there. Newton's method from the glassy
+    solid: the smallest eigenvalue is concave in c, as x.A(c) x of each mode lies above it. So the
+    first step leads to the left of the root, and the others rise to it. Each squares the error:
+    after a step of the root of the precision no digits are left to gain.
     """
     space = Subspace(is_moving, contact.control(load).fixes_mean)
     solver = Davidson()
+    accuracy = float(jnp.finfo(gap.dtype).eps) ** 0.5
 
     def goes_on(state: tuple) -> Flag:
         c, before, *_, number = state
-        return (jnp.abs(c - before) > _TOLERANCE * c) & (number < _MAX_STEPS)
+        return (number < 2) | (c - before > accuracy * c)
 
     def step(state: tuple) -> tuple:
         c, _, starts, _, number = state
         found = on_space(solver, _stiffened(c, glassy, contact, load, gap), space, starts)
         mode = found.pair.mode
-        # x.A(c) x lies above the smallest eigenvalue, and touches it: no root is passed over.
         slope = _slope(mode, c, glassy, contact, load, gap)
         new = jnp.clip(c - found.pair.eigenvalue / slope, 1, 2 * glassy)
         return new, c, found.modes, mode, number + 1
 
     starts = contact.grid.device_put(noise(jax.random.key(0), BLOCK_SIZE, gap))
-    state = glassy, jnp.full_like(glassy, jnp.inf), starts, jnp.zeros_like(gap), jnp.array(0)
-    c, _, _, mode, number = jax.lax.while_loop(goes_on, step, state)
-    c = jnp.where(space.is_trivial, 1, jnp.where(number < _MAX_STEPS, c, jnp.nan))
-    return c, mode
+    state = glassy, glassy, starts, jnp.zeros_like(gap), jnp.array(0)
+    c, _, _, mode, _ = jax.lax.while_loop(goes_on, step, state)
+    return jnp.where(space.is_trivial, 1, c), mode
 
 
 def _stiffened(c: Scalar, glassy: Scalar, contact: Contact, load: Load, gap: Field) -> Hessian:

@@ -17,12 +17,6 @@ from jaxstab.evolution.evolve import evolve
 from jaxstab.evolution.legs import RTOL
 from jaxstab.loads import Load, MeanPressure, require_loads
 
-# When to look first, over the shortest relaxation time; until when, over the longest.
-_FIRST = 1e-4
-_LAST = 1e3
-_PER_DECADE = 4
-_PER_LEG = 8
-
 
 def lifetime(
     contact: Contact,
@@ -79,11 +73,12 @@ def _lifetime(contact: Contact, load: Load, initial: Any, until: Any, rtol: Any)
             "`initial`, a state in contact."
         )
     if until is None:
-        until = _LAST * solid.times[-1]
+        until = 1000 * solid.times[-1]
     end = scalar_parameter(until, "until")
     require_positive("until", end)
-    first = jnp.minimum(_FIRST * solid.times[0], end / 2)
-    count = int(_PER_DECADE * np.log10(float(end / first))) + 2
+    # Four times a decade, from a small part of the shortest relaxation time on.
+    first = jnp.minimum(1e-4 * solid.times[0], end / 2)
+    count = int(4 * np.log10(float(end / first))) + 2
     times = jnp.concatenate([jnp.zeros(1), jnp.geomspace(first, end, count)])
     after = np.inf
     while True:
@@ -106,7 +101,8 @@ def _lifetime(contact: Contact, load: Load, initial: Any, until: Any, rtol: Any)
         before, after = (float(found.times[i]) for i in (max(place - 1, 0), place))
         if after - before <= rtol * after:
             break
-        times = jnp.linspace(before, after, _PER_LEG + 1)
+        # Points have lost contact between these two: look eight times as often.
+        times = jnp.linspace(before, after, 9)
         start = found[place - 1]
     if after < np.inf:
         # Where shorter steps hold the contact for longer, it is lost at their end.

@@ -6,10 +6,9 @@ from typing import ClassVar
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Array, Float
 
-from jaxstab.core.checks import cast, concrete, is_traced, parameter
+from jaxstab.core.checks import cast, concrete, parameter, require
 from jaxstab.core.display import inline
 from jaxstab.core.stack import Stackable
 from jaxstab.core.types import ArrayLike, Field, FieldMap, Flag, Mask, Scalar
@@ -66,6 +65,10 @@ class Control(eqx.Module):
     @abstractmethod
     def error(self, gap: Field) -> Scalar:
         """Return the relative error of a gap under the load."""
+
+    def is_met(self, gap: Field) -> Flag:
+        """Whether a gap meets the load, to within a thousand times the precision."""
+        return self.error(gap) <= 1e3 * jnp.finfo(gap.dtype).eps
 
     @abstractmethod
     def energy(self, mean_gap: Array) -> Array:
@@ -191,11 +194,9 @@ def require_loads(load: Load, shape: tuple[int, ...], takes: str, cure: str) -> 
 def require_same_machine(load: Load) -> None:
     """Raise `ValueError` if the entries of a load, where known, differ in more than their value."""
     for leaf in jax.tree.leaves(eqx.tree_at(lambda load: load.value, load, None)):
-        if not is_traced(leaf) and np.any(concrete(leaf) != concrete(leaf).flat[0]):
-            raise ValueError(
-                f"The load is {load!r}: its values must belong to one machine, so give one "
-                "stiffness for all of them."
-            )
+        numbers = concrete(leaf).ravel()
+        cure = "its values must belong to one machine, so give one stiffness for all of them."
+        require("The load", load, (numbers == numbers[0]).all(), cure)
 
 
 def prescribed(value: ArrayLike) -> Float[Array, "..."]:
