@@ -26,8 +26,9 @@ from jaxstab.contact.inputs import (
 from jaxstab.contact.residual import Balance, balance_of, conforming_pressure
 from jaxstab.contact.window import continued_surface
 from jaxstab.core import model
-from jaxstab.core.checks import array, cast, is_traced, require_kind
+from jaxstab.core.checks import array, cast, is_traced, possible, require_kind
 from jaxstab.core.display import block
+from jaxstab.core.equality import are_same
 from jaxstab.core.grid import Grid
 from jaxstab.core.types import ArrayLike, Field, FieldMap, Flag, Scalar
 from jaxstab.core.units import LENGTH, Units
@@ -134,11 +135,9 @@ class Contact(eqx.Module):
         self.potential = law_on(solid.grid, potential, dtype)
         require_smooth(self.profile)
         jump = law_jump(everywhere(self.potential), self.grid.lengths)
-        if is_traced(jump):
-            # No error can be raised: results say so.
-            self.heights = jnp.where(jump.is_there, jnp.nan, self.heights)
-        else:
-            require_no_jump(jump)
+        require_no_jump(jump)
+        # In a trace no error can be raised: results say so.
+        self.heights = possible(self.heights, jump.is_absent)
 
     @property
     def has_core(self) -> Flag | bool:
@@ -291,20 +290,12 @@ def require_same_contact(contact: Contact, other: Contact, owner: str) -> None:
     pairs = {
         field.name: [getattr(c, field.name) for c in (contact, other)] for field in fields(Contact)
     }
-    differing = [name for name, pair in pairs.items() if not _are_same(*pair)]
+    differing = [name for name, pair in pairs.items() if not are_same(*pair)]
     if differing:
         raise ValueError(
             f"{owner} has another {' and another '.join(differing)} than the contact: give the "
             "contact that it came from."
         )
-
-
-def _are_same(one: object, other: object) -> bool:
-    """Return whether two pytrees are equal, as far as their numbers are known."""
-    if jax.tree.structure(one) != jax.tree.structure(other):
-        return False
-    leaves = zip(jax.tree.leaves(one), jax.tree.leaves(other), strict=True)
-    return all(is_traced(pair) or np.array_equal(*pair) for pair in leaves)
 
 
 def _power_of_two_above(value: Scalar) -> Scalar:

@@ -11,10 +11,10 @@ from jaxtyping import Array
 from jaxstab.core.checks import (
     concrete,
     is_sharded,
-    is_traced,
     numbers,
     require_finite,
     require_shape,
+    where_known,
 )
 from jaxstab.core.grid import Grid
 from jaxstab.core.types import ArrayLike
@@ -84,10 +84,17 @@ def require_sound(
         is_window = solid.is_window
         wrong = topography.suspicions
         faults.warn([*topography.wrong_scale, *topography.edge_faults] if is_window else wrong)
-    elif not (is_traced((heights, solid.grid.lengths)) or is_sharded(heights)):
-        values = np.asarray(heights)
-        wrong = faults.has_wrong_scale(values, concrete(solid.grid.lengths))
-        faults.warn(wrong if wrong or solid.is_window else faults.looks_wrong(values))
+    elif not is_sharded(heights):
+        _warn_of_heights(heights, solid.grid.lengths, solid.is_window)
+
+
+@where_known
+def _warn_of_heights(heights: Array | np.ndarray, lengths: Array, is_window: bool) -> None:
+    from jaxstab.surfaces import faults
+
+    values = np.asarray(heights)
+    wrong = faults.has_wrong_scale(values, concrete(lengths))
+    faults.warn(wrong if wrong or is_window else faults.looks_wrong(values))
 
 
 def law_on(grid: Grid, potential: Potential, dtype: DTypeLike) -> Potential:

@@ -11,7 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxstab.contact.contact import Contact, require_contact
-from jaxstab.core.checks import concrete, is_traced, positive_scalar
+from jaxstab.core.checks import concrete, is_traced, positive_scalar, where_known
 from jaxstab.core.compile import program
 from jaxstab.core.display import times
 from jaxstab.core.types import ArrayLike, Scalar
@@ -53,20 +53,25 @@ def warn_if_coarse(contact: Contact, needed: float = FOR_STATES) -> None:
     """
     if _is_said.get():
         return
-    both = _max_stiffness(contact.solid), contact.profile.max_curvature
-    stiffest, sharpest = map(concrete, both)
-    if is_traced(both) or stiffest >= needed * sharpest:
+    _warn_of_pinning(contact.solid, contact.profile.max_curvature, needed)
+
+
+@where_known
+def _warn_of_pinning(solid: Solid, max_curvature: Scalar, needed: float) -> None:
+    stiffest = concrete(_max_stiffness(solid))
+    sharpest = concrete(max_curvature)
+    if stiffest >= needed * sharpest:
         return
     resolution = stiffest / sharpest
-    effect = (
-        "contact edges may be pinned to the grid, and jumps be artefacts"
-        if resolution < FOR_STATES
-        else f"loads of jumps and pull-offs may be off by {100 * PINNING / resolution**2:.0f} %"
-    )
+    if resolution < FOR_STATES:
+        effect = "contact edges may be pinned to the grid, and jumps be artefacts"
+    else:
+        percent = 100 * PINNING / resolution**2
+        effect = f"loads of jumps and pull-offs may be off by {percent:.0f} %"
     message = (
-        f"the grid of {times(contact.grid.shape)} points is too coarse for the adhesion: the "
+        f"the grid of {times(solid.grid.shape)} points is too coarse for the adhesion: the "
         f"stiffness of its shortest wave is {resolution:.3g} of the largest |f''|, so that "
-        f"{effect}. {_cure(contact, resolution / needed)}{_longer(resolution / needed)}"
+        f"{effect}. {_cure(solid, resolution / needed)}{_longer(resolution / needed)}"
     )
     warn(message, ResolutionWarning)
 
@@ -113,9 +118,9 @@ def _longer(share: np.floating) -> str:
     return f" This grid resolves a range {factor:g} times as long, with the same work of adhesion."
 
 
-def _cure(contact: Contact, share: np.floating) -> str:
+def _cure(solid: Solid, share: np.floating) -> str:
     """Return a grid that is stiff enough, from the present share of the stiffness needed."""
-    solid = contact.solid
+    grid = solid.grid
     refinement = 1
     stiffest = solid.max_stiffness
     # A stored number does not follow the grid.
@@ -126,7 +131,7 @@ def _cure(contact: Contact, share: np.floating) -> str:
         if refinement > _MAX_REFINEMENT:
             return "No grid of a size to compute with would do: use a weaker adhesion."
         # Waves that much shorter are the waves of as many points on a cell that much smaller.
-        lengths = contact.grid.lengths / refinement
+        lengths = grid.lengths / refinement
         solid = eqx.tree_at(lambda solid: solid.grid.lengths, solid, lengths)
-    finer = times(refinement * n for n in contact.grid.shape)
+    finer = times(refinement * n for n in grid.shape)
     return f"A grid of {finer} would do, or a weaker or longer-ranged adhesion."

@@ -6,10 +6,10 @@ checked there.
 
 import datetime
 import operator
-from collections.abc import Collection, Mapping
-from functools import cache
+from collections.abc import Callable, Collection, Mapping
+from functools import cache, wraps
 from types import UnionType
-from typing import Any, SupportsIndex, TypeGuard, TypeVar
+from typing import Any, ParamSpec, SupportsIndex, TypeGuard, TypeVar
 
 import jax
 import jax.core
@@ -20,6 +20,7 @@ from jaxtyping import Array, Float, PyTree
 
 from jaxstab.core.types import ArrayLike, Scalar
 
+Given = ParamSpec("Given")
 Tree = TypeVar("Tree")
 
 
@@ -183,6 +184,17 @@ def nonnegative_parameter(value: object, name: str) -> Float[Array, "..."]:
     finite = (known >= 0) & (known < np.inf)
     require(name, known, finite, "it must be finite and not negative.")
     return possible(number, number >= 0)
+
+
+def where_known(check: Callable[Given, None]) -> Callable[Given, None]:
+    """Return a check or a warning that says nothing where JAX traces one of its arguments."""
+
+    @wraps(check)
+    def call(*args: Given.args, **kwargs: Given.kwargs) -> None:
+        if not is_traced((args, kwargs)):
+            check(*args, **kwargs)
+
+    return call
 
 
 def require_known(inputs: object, name: str) -> None:

@@ -1,10 +1,13 @@
-"""Equality of loads and results, of which some rows may hold nothing."""
+"""Equality of loads and results, of which some rows may hold nothing, and of other pytrees."""
 
 from typing import Any
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
+
+from jaxstab.core.checks import is_traced
 
 
 class Comparable(eqx.Module):
@@ -21,3 +24,11 @@ def _with_nan_apart(leaf: Any) -> Any:
     if not eqx.is_inexact_array(leaf):
         return leaf
     return jnp.nan_to_num(leaf, nan=0.0, posinf=jnp.inf, neginf=-jnp.inf), jnp.isnan(leaf)
+
+
+def are_same(one: object, other: object) -> bool:
+    """Return whether two pytrees are equal, as far as their numbers are known."""
+    if jax.tree.structure(one) != jax.tree.structure(other):
+        return False
+    leaves = zip(jax.tree.leaves(one), jax.tree.leaves(other), strict=True)
+    return all(is_traced(pair) or np.array_equal(*pair) for pair in leaves)

@@ -10,7 +10,7 @@ from jaxtyping import Array, Int
 from jaxstab.contact.contact import Contact, require_contact
 from jaxstab.contact.residual import Balance
 from jaxstab.core import model
-from jaxstab.core.checks import are_finite, is_traced, require_shape
+from jaxstab.core.checks import are_finite, require_shape, where_known
 from jaxstab.core.compile import program
 from jaxstab.core.display import Outcome
 from jaxstab.core.history import History
@@ -234,10 +234,15 @@ def found_equilibrium(contact: Contact, state: State) -> Equilibrium:
 
 
 def _found(state: Any) -> Any:
-    if not is_traced(state.gap) and not are_finite(state.gap).all():
-        result = getattr(state, "result", RESULTS.nonfinite)
+    result = getattr(state, "result", RESULTS.nonfinite)
+    _require_finite_gap(state.gap, result)
+    return state
+
+
+@where_known
+def _require_finite_gap(gap: Field, result: RESULTS) -> None:
+    if not are_finite(gap).all():
         raise ValueError(
             f"The state was not found ({result.name}), and its gaps are not finite: give a state "
             "whose `result` is successful."
         )
-    return state

@@ -11,7 +11,7 @@ import numpy as np
 
 from jaxstab.contact.contact import Contact
 from jaxstab.contact.hessian import Hessian
-from jaxstab.core.checks import concrete, is_traced
+from jaxstab.core.checks import concrete, where_known
 from jaxstab.core.compile import program
 from jaxstab.core.grid import mean, mirrored, padded, where_window
 from jaxstab.core.linear_system import LinearSystem
@@ -54,10 +54,10 @@ def padded_state(contact: Contact, equilibrium: Equilibrium) -> tuple[Contact, E
     )
 
 
+@where_known
 def warn_at_edges(contact: Contact, equilibrium: Equilibrium) -> None:
     """Warn, where values are known, if a surface that ends acts on the solid at its edges."""
-    is_found = equilibrium.result == RESULTS.successful
-    if not contact.solid.is_window or is_traced((contact, equilibrium)) or not is_found:
+    if not contact.solid.is_window or equilibrium.result != RESULTS.successful:
         return
     pressures = abs(concrete(equilibrium.pressure))
     ends = [pressures.take(np.array([0, n - 1]), axis) for axis, n in enumerate(pressures.shape)]

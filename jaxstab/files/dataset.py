@@ -13,7 +13,7 @@ from jaxtyping import PyTree
 
 from jaxstab.branches import Branch
 from jaxstab.contact import Contact, require_contact, require_same_contact
-from jaxstab.core.checks import is_traced, require_shape
+from jaxstab.core.checks import require_shape, where_known
 from jaxstab.core.display import text
 from jaxstab.core.optional_packages import require_packages, versions
 from jaxstab.core.results import RESULTS
@@ -199,9 +199,10 @@ def _require_one(kind: str, result: Path | Branch) -> None:
         raise ValueError(f"These are several {kind}: choose one of them by jax.tree.map.")
 
 
+@where_known
 def _require_own(contact: Contact, states: PyTree) -> None:
     """Raise `ValueError` if the first or the last state found is no equilibrium of the contact."""
-    if not isinstance(states, Equilibrium) or is_traced(states):
+    if not isinstance(states, Equilibrium):
         return
     found = np.flatnonzero(np.ravel(states.result == RESULTS.successful))
     for i in {*found[:1], *found[-1:]}:

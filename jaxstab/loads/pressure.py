@@ -41,7 +41,7 @@ class PressingControl(Control):
         return gradient + self.pressure(gap)
 
     def resisting(self, attraction: Field, gap: Field) -> Field:
-        """Return the attraction of the free points plus p0, which balances it if a tension."""
+        """Return f' + p0 on the free points: a tension p0 balances a part of the attraction."""
         return jnp.where(gap > 0, attraction + self.pressure(gap), 0)
 
     def mean_imbalance(self, imbalance: Field, attraction: Field, gap: Field) -> Scalar:

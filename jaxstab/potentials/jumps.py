@@ -8,6 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from jaxstab.core.checks import where_known
 from jaxstab.core.compile import program
 from jaxstab.core.types import Flag
 from jaxstab.potentials.evaluation import derivatives
@@ -29,17 +30,14 @@ class LawJump(eqx.Module):
         gap: the gap of the jump [length].
         below, above: f [energy/area] and f' [pressure] on both sides of it.
         size: the jump over the depth of the law or its largest attraction.
+        is_absent: whether neither of them jumps.
     """
 
     gap: Float[Array, " two"]
     below: Float[Array, " two"]
     above: Float[Array, " two"]
     size: Float[Array, " two"]
-
-    @property
-    def is_there(self) -> Flag:
-        """Whether value or slope jumps."""
-        return (self.size > _SMALLEST).any()
+    is_absent: Flag
 
 
 @program
@@ -93,7 +91,8 @@ def law_jump(potential: Potential, lengths: Float[Array, "..."]) -> LawJump:
     larger = jnp.maximum(scale[:, None], jnp.maximum(jnp.abs(low[1]), jnp.abs(high[1])))
     size = jnp.nan_to_num(change / larger, nan=0, posinf=0)
     most = jnp.arange(2), jnp.argmax(size, 1)
-    return LawJump(high[0][most], low[1][most], high[1][most], size[most])
+    size = size[most]
+    return LawJump(high[0][most], low[1][most], high[1][most], size, jnp.all(size <= _SMALLEST))
 
 
 def _where_defined(law: Potential, gaps: Array) -> tuple[Array, ...]:
@@ -107,10 +106,11 @@ def _missed(low: _Side, high: _Side) -> Array:
     return jnp.abs(high[1] - low[1] - (low[2] + high[2]) / 2 * (high[0] - low[0]))
 
 
+@where_known
 def require_no_jump(jump: LawJump) -> None:
-    """Raise `ValueError` if the value or the slope of a law jumps."""
+    """Raise `ValueError` if the value or the slope of a known law jumps."""
     jump = jax.tree.map(np.asarray, jump)
-    if not jump.is_there:
+    if jump.is_absent:
         return
     # A jump of the value is one of the slope too.
     which = int(jump.size[0] <= _SMALLEST)

@@ -251,10 +251,10 @@ class Capillary(Law):
         self.radius = positive_parameter(radius, "The radius of the meniscus")
         self.smoothing = positive_parameter(smoothing, "The smoothing of the potential")
         given = parameter(angle, "The contact angle")
-        slope = concrete(given)
-        wets = (slope >= 0) & (slope < np.pi / 2)
+        known = concrete(given)
+        wets = (known >= 0) & (known < np.pi / 2)
         cure = "give radians, from 0 to below pi / 2. A liquid of a larger angle does not attract."
-        require("The contact angle", slope, wets, cure)
+        require("The contact angle", known, wets, cure)
         self.angle = possible(given, wets)
 
     @classmethod

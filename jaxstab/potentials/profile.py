@@ -6,7 +6,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from jaxstab.core.checks import is_traced, require
+from jaxstab.core.checks import require, where_known
 from jaxstab.core.compile import program
 from jaxstab.core.types import Flag, Scalar
 from jaxstab.potentials.evaluation import derivatives
@@ -120,6 +120,7 @@ def innermost_gap(profile: Profile) -> float:
     return float(profile.gaps[np.nanargmin(profile.values)])
 
 
+@where_known
 def require_smooth(profile: Profile) -> None:
     """Raise `ValueError` if a known law is not smooth enough to be solved.
 
@@ -127,8 +128,6 @@ def require_smooth(profile: Profile) -> None:
     inside of a core. A slope that jumps at zero gap, where contact points are, is refused, and so
     is a piecewise linear law.
     """
-    if is_traced(profile):
-        return
     profile = jax.tree.map(np.asarray, profile)
     innermost = innermost_gap(profile)
     fields = {"": profile.values, " slope": profile.slopes, " curvature": profile.curvatures}

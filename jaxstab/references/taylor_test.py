@@ -15,7 +15,7 @@ import numpy as np
 from jaxtyping import PyTree
 
 from jaxstab.core import display
-from jaxstab.core.checks import is_traced, require_one_of
+from jaxstab.core.checks import require_known, require_one_of
 
 _NUM_STEPS = 12
 # Remainders fall with rates 1 and 2 along a line of steps: a rate of 2 is at least this.
@@ -114,10 +114,7 @@ def check_derivative(
             for another mode.
         TypeError: under a JAX transformation, or if the point has no floating-point leaf.
     """
-    if is_traced(point):
-        raise TypeError(
-            "check_derivative compares numbers: call it outside of JAX transformations."
-        )
+    require_known(point, "check_derivative")
     require_one_of("mode", mode, ("fwd", "rev"))
     moving, held = eqx.partition(point, eqx.is_inexact_array_like)
     moving = jax.tree.map(jnp.asarray, moving)

@@ -9,12 +9,12 @@ from jaxtyping import Array, Float
 
 from jaxstab.core.checks import (
     concrete,
-    is_traced,
     parameter,
     positive_scalar,
     require,
     require_finite,
     scalar_parameter,
+    where_known,
 )
 from jaxstab.core.compile import program
 from jaxstab.core.grid import Grid, require_grid
@@ -179,14 +179,20 @@ def tip(grid: Grid, profile_radii: ArrayLike, profile_heights: ArrayLike) -> Fie
     cure = f"the corners of the cell lie at {corner}; continue the profile, or take a smaller cell."
     # Rounding must not decide whether it reaches them.
     require("The last radius of the profile", r[-1], r[-1] >= corner * (1 - 1e-6), cure)
-    if not is_traced(heights) and heights[-1] == heights.max() > heights[0]:
+    _warn_of_depths(r, heights)
+    return _tip(grid, radii, heights)
+
+
+@where_known
+def _warn_of_depths(radii: np.ndarray, heights: Float[Array, " n"]) -> None:
+    """Warn of a profile that is highest at its end."""
+    if heights[-1] == heights.max() > heights[0]:
         faults.warn(
             [
-                f"the profile of the tip is highest at its end, r = {r[-1]:.4g}: a summit has the "
-                "largest height. Give depths as negative heights, -profile_heights."
+                f"the profile of the tip is highest at its end, r = {radii[-1]:.4g}: a summit has "
+                "the largest height. Give depths as negative heights, -profile_heights."
             ]
         )
-    return _tip(grid, radii, heights)
 
 
 @program

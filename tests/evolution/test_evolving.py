@@ -100,34 +100,38 @@ def test_a_tolerance_below_the_rounding_of_equilibria_is_named():
             call(0.002)
 
 
+@pytest.mark.parametrize(
+    ("error", "options", "sentence"),
+    [
+        (ValueError, {"until": -1.0}, r"until is -1\.0"),
+        (ValueError, {"until": [1.0, 2.0]}, r"until has shape \(2,\): give one number"),
+        (TypeError, {"initial": jnp.zeros(32)}, r"Array.* is no state: give one of equilibrate or"),
+    ],
+)
+def test_mistakes_of_a_lifetime_are_named(error, options, sentence):
+    with pytest.raises(error, match=sentence):
+        js.lifetime(viscoelastic(), js.MeanPressure(0.1), **options)
+
+
 def test_mistakes_are_named():
     contact, (times, values) = viscoelastic(), cycle()
     load = js.MeanDisplacement(values)
-    relaxed = relaxed_of(contact)
-    with pytest.raises(TypeError, match="HalfSpace is no solid with relaxation times"):
-        js.evolve(relaxed, load, times)
-    with pytest.raises(ValueError, match=r"\(20,\).*\(21,\)"):
-        js.evolve(contact, load, times[1:])
-    with pytest.raises(ValueError, match="the times must increase"):
-        js.evolve(contact, load, times.at[3].set(0.0))
-    with pytest.raises(ValueError, match=r"The load is nan at \(3,\)"):
-        js.evolve(contact, load.at(values.at[3].set(jnp.nan)), times)
     # In the precision of the contact they are one time.
     single = js.Contact(contact.solid, contact.heights.astype("float32"), contact.potential)
-    with pytest.raises(ValueError, match=r"1000000\.0 at \(\d,\): the times must increase, in flo"):
-        js.evolve(single, load, 1e6 + 0.01 * times)
-    with pytest.raises(js.SolverError, match="has no start at t = 0, under MeanDisplacement"):
-        js.evolve(contact, js.MeanDisplacement(values - 1), times)
-    with pytest.raises(ValueError, match="max_steps is 0"):
-        js.evolve(contact, load, times, max_steps=0)
-    with pytest.raises(ValueError, match=r"until is -1\.0"):
-        js.lifetime(contact, js.MeanPressure(0.1), until=-1.0)
-    with pytest.raises(ValueError, match=r"until has shape \(2,\): give one number"):
-        js.lifetime(contact, js.MeanPressure(0.1), until=[1.0, 2.0])
-    with pytest.raises(TypeError, match=r"Array.* is no state: give one of equilibrate or evolve"):
-        js.lifetime(contact, js.MeanPressure(0.1), initial=contact.heights)
-    with pytest.raises(ValueError, match=r"rtol has shape \(2,\): give one number"):
-        js.evolve(contact, load, times, rtol=[1e-3, 1e-4])
+    alike = 1e6 + 0.01 * times
+    unknown = load.at(values.at[3].set(jnp.nan))
+    for error, arguments, options, sentence in [
+        (TypeError, (relaxed_of(contact), load, times), {}, "HalfSpace is no solid with relaxatio"),
+        (ValueError, (contact, load, times[1:]), {}, r"\(20,\).*\(21,\)"),
+        (ValueError, (contact, load, times.at[3].set(0.0)), {}, "the times must increase"),
+        (ValueError, (contact, unknown, times), {}, r"The load is nan at \(3,\)"),
+        (ValueError, (single, load, alike), {}, r"1000000\.0 at \(\d,\): the times must increase"),
+        (js.SolverError, (contact, load.at(values - 1), times), {}, "no start at t = 0, under"),
+        (ValueError, (contact, load, times), {"max_steps": 0}, "max_steps is 0"),
+        (ValueError, (contact, load, times), {"rtol": [1e-3, 1e-4]}, r"rtol has shape \(2,\)"),
+    ]:
+        with pytest.raises(error, match=sentence):
+            js.evolve(*arguments, **options)
     with pytest.raises(TypeError, match=r"lifetime works on known numbers.* outside of jax\.jit"):
         jax.jit(lambda value: js.lifetime(contact, js.MeanPressure(value)))(0.1)
     found = js.evolve(contact, load, times, rtol=ANY)

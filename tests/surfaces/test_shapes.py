@@ -80,29 +80,28 @@ def test_a_tip_given_by_its_depths_is_named():
         js.surfaces.tip(js.Grid(6), radii, -heights)
 
 
-def test_what_makes_no_shape_is_refused():
-    grid, (radii, heights) = js.Grid(6), PROFILE
-    for shape in (js.surfaces.sphere, js.surfaces.cone):
-        with pytest.raises(ValueError, match=r"is -1.0: it must be positive"):
-            shape(grid, -1.0)
-    with pytest.raises(ValueError, match=r"The radius has shape \(6,\): give one number"):
-        js.surfaces.paraboloid(grid, np.ones(6))
-    with pytest.raises(ValueError, match=r"radius of the rim is 0.0"):
-        js.surfaces.flat_punch(grid, 1.0, 0.0)
-    with pytest.raises(ValueError, match=r"wavelength is 0.0"):
-        js.surfaces.wavy_sphere(grid, 1.0, 0.1, 0.0)
-    with pytest.raises(ValueError, match=r"amplitude is inf"):
-        js.surfaces.wavy_sphere(grid, 1.0, np.inf, 1.0)
-    with pytest.raises(ValueError, match="ascend from zero"):
-        js.surfaces.tip(grid, radii + 0.1, heights)
-    with pytest.raises(ValueError, match="ascend from zero"):
-        js.surfaces.tip(grid, radii[::-1], heights)
-    with pytest.raises(ValueError, match=r"last radius of the profile is 0.4: the corners"):
-        js.surfaces.tip(grid, radii[:4], heights[:4])
-    with pytest.raises(ValueError, match=r"shape \(7,\) and heights of shape \(3,\)"):
-        js.surfaces.tip(grid, radii, heights[:3])
-    with pytest.raises(ValueError, match=r"profile is nan at \(0,\)"):
-        js.surfaces.tip(grid, radii, heights * np.nan)
+RADII, HEIGHTS = PROFILE
+
+
+@pytest.mark.parametrize(
+    ("shape", "arguments", "sentence"),
+    [
+        ("sphere", [-1.0], r"is -1\.0: it must be positive"),
+        ("cone", [-1.0], r"is -1\.0: it must be positive"),
+        ("paraboloid", [np.ones(6)], r"The radius has shape \(6,\): give one number"),
+        ("flat_punch", [1.0, 0.0], r"radius of the rim is 0\.0"),
+        ("wavy_sphere", [1.0, 0.1, 0.0], r"wavelength is 0\.0"),
+        ("wavy_sphere", [1.0, np.inf, 1.0], r"amplitude is inf"),
+        ("tip", [RADII + 0.1, HEIGHTS], "ascend from zero"),
+        ("tip", [RADII[::-1], HEIGHTS], "ascend from zero"),
+        ("tip", [RADII[:4], HEIGHTS[:4]], r"last radius of the profile is 0\.4: the corners"),
+        ("tip", [RADII, HEIGHTS[:3]], r"shape \(7,\) and heights of shape \(3,\)"),
+        ("tip", [RADII, HEIGHTS * np.nan], r"profile is nan at \(0,\)"),
+    ],
+)
+def test_what_makes_no_shape_is_refused(shape, arguments, sentence):
+    with pytest.raises(ValueError, match=sentence):
+        getattr(js.surfaces, shape)(js.Grid(6), *arguments)
 
 
 @pytest.mark.parametrize("grid", [js.Grid((32, 32), (2.0, 2.0)), js.Grid((32,), (2.0,))])

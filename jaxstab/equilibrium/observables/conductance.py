@@ -10,7 +10,7 @@ from typing import Annotated, ClassVar
 import jax.numpy as jnp
 
 from jaxstab.contact import Contact
-from jaxstab.core.checks import cast, is_traced, require, require_kind, scalar_parameter
+from jaxstab.core.checks import cast, require, require_kind, scalar_parameter, where_known
 from jaxstab.core.compile import own_conventions, program
 from jaxstab.core.grid import Grid, total
 from jaxstab.core.linear_system import LinearSystem
@@ -93,11 +93,7 @@ def conductance(
     assert isinstance(solid, HalfSpace | FreeHalfSpace)
     resistivity = cast(_sum_of(resistivities), dtype)
     pressure = _pressure(type(solid), contact.grid, touches)
-    if not is_traced(pressure) and jnp.isnan(pressure).any():
-        raise SolverError(
-            "The conductance was not found: its linear system was not solved to the precision. "
-            "Use float64."
-        )
+    _require_solved(pressure)
     pressure = jnp.where(jnp.isfinite(state.gap).all(), pressure, jnp.nan)
     force = total(pressure)
     is_whole = jnp.all(touches) & (not solid.is_window)
@@ -110,6 +106,15 @@ def conductance(
         current=current,
         units=contact.units,
     )
+
+
+@where_known
+def _require_solved(pressure: Field) -> None:
+    if jnp.isnan(pressure).any():
+        raise SolverError(
+            "The conductance was not found: its linear system was not solved to the precision. "
+            "Use float64."
+        )
 
 
 def _sum_of(resistivities: tuple[ArrayLike, ArrayLike]) -> Scalar:
