@@ -184,6 +184,15 @@ def test_a_step_and_a_power_law_refuse_impossible_numbers():
             js.Viscoelastic.power_law(SOLID, 99.0, 0.5, 1e-3, **wrong)
 
 
+def test_a_scaled_solid_relaxes_as_before():
+    solid = js.Viscoelastic(SOLID, (2.0, 1.0), (0.1, 1.0))
+    scaled = solid.scaled(jnp.array(4.0))
+    for dt in (0.0, 0.3, 1e12):
+        # A power of two leaves all digits.
+        expected = 4 * solid.step(dt).pressure(wave(1, 2))
+        np.testing.assert_array_equal(scaled.step(dt).pressure(wave(1, 2)), expected)
+
+
 def test_calls_without_time_take_the_relaxed_solid():
     heights = js.surfaces.paraboloid(GRID, 2.0)
     law = js.potentials.Exponential(0.1, 0.2)
