@@ -40,7 +40,6 @@ from jaxstab.solids.viscoelastic import ramp
 _LEAST = 1e-2
 # A step exchanges at least this part of the largest energy exchanged so far, as its error counts.
 _LEAST_EXCHANGE = 1 / 300
-_NODES, _WEIGHTS = (values / 2 for values in np.polynomial.legendre.leggauss(8))
 
 
 class StepRecord(eqx.Module):
@@ -241,7 +240,8 @@ def _gain(x: Float[Array, " springs"]) -> Float[Array, " springs"]:
     near = jnp.minimum(x, 1)
     y = jnp.maximum(x, 1)
     # By quadrature for small x, where the closed form loses its digits.
-    theta, weights = (jnp.asarray(values, x.dtype) for values in (_NODES + 0.5, _WEIGHTS))
+    nodes, weights = np.polynomial.legendre.leggauss(8)
+    theta = jnp.asarray(nodes / 2 + 0.5, x.dtype)
     risen = theta * ramp(near[:, None] * theta)
     closed = (1 - (3 - 4 * jnp.exp(-y) + jnp.exp(-2 * y)) / (2 * y)) / y
-    return jnp.where(x < 1, near * (risen**2 @ weights), closed)
+    return jnp.where(x < 1, near * (risen**2 @ jnp.asarray(weights / 2, x.dtype)), closed)

@@ -13,7 +13,7 @@ from jaxtyping import PyTree
 
 from jaxstab.branches import Branch
 from jaxstab.contact import Contact, require_contact, require_same_contact
-from jaxstab.core.checks import require_shape, where_known
+from jaxstab.core.checks import require_known, require_shape
 from jaxstab.core.display import text
 from jaxstab.core.optional_packages import require_packages, versions
 from jaxstab.core.results import RESULTS
@@ -134,6 +134,7 @@ def to_dataset(contact: Contact, result: Result, *, fields: bool = True) -> "xar
     states = getattr(holder, "equilibrium", holder)
     load = getattr(holder, "load", None)
     axes = _axes(contact, result, states)
+    require_known((contact, result), "to_dataset")
     _require_own(contact, states)
     recorder = Recorder(contact.grid.shape)
     structure = {
@@ -199,7 +200,6 @@ def _require_one(kind: str, result: Path | Branch) -> None:
         raise ValueError(f"These are several {kind}: choose one of them by jax.tree.map.")
 
 
-@where_known
 def _require_own(contact: Contact, states: PyTree) -> None:
     """Raise `ValueError` if the first or the last state found is no equilibrium of the contact."""
     if not isinstance(states, Equilibrium):

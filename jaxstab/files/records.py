@@ -15,7 +15,6 @@ import jax
 import numpy as np
 from jaxtyping import Array, PyTree
 
-from jaxstab.core.checks import is_traced
 from jaxstab.core.closures import BareFunction
 from jaxstab.core.enumeration import Enumeration
 from jaxstab.core.history import History
@@ -135,8 +134,6 @@ class Recorder:
         axes: tuple[str, ...],
         dimension: str,
     ) -> Structure:
-        if is_traced(array):
-            raise TypeError("JAX is tracing the result, without numbers: save it outside of jit.")
         values = np.asarray(array)
         words = [_SINGULAR.get(word, word) for word in path]
         if path in _TOTALS and not axes:

@@ -9,7 +9,13 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from jaxstab.core import model
-from jaxstab.core.checks import concrete, is_traced, parameter, require_kind, require_positive
+from jaxstab.core.checks import (
+    concrete,
+    parameter,
+    require_kind,
+    require_positive,
+    where_known,
+)
 from jaxstab.core.grid import Grid, mean, mean_over, total
 from jaxstab.core.types import ArrayLike, Field, FieldMap, Flag, Mask, Scalar
 from jaxstab.core.units import LENGTH, STIFFNESS
@@ -181,21 +187,7 @@ class Spring(Load):
 
         Inside of `jax.jit` and `jax.vmap` values are not known, and nothing is warned of.
         """
-        if is_traced((self.stiffness, solid)):
-            return
-        stiffness = concrete(self.stiffness).min()
-        softest = concrete(solid.min_stiffness)
-        if stiffness >= _SOFT * softest:
-            return
-        warn(
-            f"the stiffness of the spring is {stiffness:.3g} [pressure/length], the stiffness of "
-            f"the solid's softest wave {softest:.3g}: the machine is so soft that it hardly "
-            "presses. "
-            "If the number is a force per length, write Spring.cantilever(position, "
-            f"{stiffness:.3g}, contact.grid): that divides it by the cell's area of "
-            f"{concrete(solid.grid.area):.3g}. For a dead load give a MeanPressure.",
-            MachineWarning,
-        )
+        _warn_if_soft(self.stiffness, solid)
 
     def control(self, solid: Solid, heights: Field) -> SpringControl:
         """Press with the stiffness of the spring and the solid's far side in series."""
@@ -225,6 +217,22 @@ class FarDisplacement(Load):
     def control(self, solid: Solid, heights: Field) -> SpringControl:
         """Press with the stiffness of the solid itself."""
         return _spring(self.value, solid.uniform_stiffness, solid, heights)
+
+
+@where_known
+def _warn_if_soft(stiffnesses: Array, solid: Solid) -> None:
+    stiffness = concrete(stiffnesses).min()
+    softest = concrete(solid.min_stiffness)
+    if stiffness >= _SOFT * softest:
+        return
+    warn(
+        f"the stiffness of the spring is {stiffness:.3g} [pressure/length], the stiffness of the "
+        f"solid's softest wave {softest:.3g}: the machine is so soft that it hardly presses. If "
+        "the number is a force per length, write Spring.cantilever(position, "
+        f"{stiffness:.3g}, contact.grid): that divides it by the cell's area of "
+        f"{concrete(solid.grid.area):.3g}. For a dead load give a MeanPressure.",
+        MachineWarning,
+    )
 
 
 def _spring(position: Scalar, stiffness: Scalar, solid: Solid, heights: Field) -> SpringControl:

@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from jaxstab.core.checks import concrete, is_traced, require, require_shape
+from jaxstab.core.checks import concrete, is_traced, require, require_shape, where_known
 from jaxstab.core.display import times
 from jaxstab.core.grid import Grid
 from jaxstab.core.units import unit_of
@@ -60,14 +60,8 @@ def checked_band(k_low: Any, k_high: Any) -> tuple[float, float]:
 
 def require_agreement(scan: Scan, lengths: Any, unit: str | None) -> None:
     """Raise `ValueError` if lengths or unit contradict the statements of a scan."""
-    if not (scan.lengths is None or scan.is_counted or is_traced(lengths)):
-        own = np.broadcast_to(scan.lengths, lengths.shape)
-        if not np.allclose(own, lengths, ROUNDING, 0):
-            come = f"{times(own, '.10g')} {scan.unit or ''}".strip()
-            raise ValueError(
-                f"lengths are {times(lengths, '.10g')}, but the heights come with lengths of "
-                f"{come}: use these."
-            )
+    if scan.lengths is not None and not scan.is_counted:
+        _require_own_lengths(scan, lengths)
     if scan.unit and unit is not None and unit_of(unit) != scan.unit:
         raise ValueError(
             f"the unit is {unit!r}, but the heights are in {scan.unit!r}: leave `unit` out, and "
@@ -99,3 +93,14 @@ def real(value: Any) -> float:
         return np.nan if isinstance(value, str) else float(value)
     except (TypeError, ValueError):
         return np.nan
+
+
+@where_known
+def _require_own_lengths(scan: Scan, lengths: np.ndarray) -> None:
+    own = np.broadcast_to(scan.lengths, lengths.shape)
+    if not np.allclose(own, lengths, ROUNDING, 0):
+        come = f"{times(own, '.10g')} {scan.unit or ''}".strip()
+        raise ValueError(
+            f"lengths are {times(lengths, '.10g')}, but the heights come with lengths of "
+            f"{come}: use these."
+        )
