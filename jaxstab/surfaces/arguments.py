@@ -61,7 +61,8 @@ def checked_band(k_low: Any, k_high: Any) -> tuple[float, float]:
 def require_agreement(scan: Scan, lengths: Any, unit: str | None) -> None:
     """Raise `ValueError` if lengths or unit contradict the statements of a scan."""
     if scan.lengths is not None and not scan.is_counted:
-        _require_own_lengths(scan, lengths)
+        own = np.broadcast_to(scan.lengths, lengths.shape)
+        _require_lengths(own, lengths, scan.unit)
     if scan.unit and unit is not None and unit_of(unit) != scan.unit:
         raise ValueError(
             f"the unit is {unit!r}, but the heights are in {scan.unit!r}: leave `unit` out, and "
@@ -96,10 +97,9 @@ def real(value: Any) -> float:
 
 
 @where_known
-def _require_own_lengths(scan: Scan, lengths: np.ndarray) -> None:
-    own = np.broadcast_to(scan.lengths, lengths.shape)
+def _require_lengths(own: np.ndarray, lengths: np.ndarray, unit: str | None) -> None:
     if not np.allclose(own, lengths, ROUNDING, 0):
-        come = f"{times(own, '.10g')} {scan.unit or ''}".strip()
+        come = f"{times(own, '.10g')} {unit or ''}".strip()
         raise ValueError(
             f"lengths are {times(lengths, '.10g')}, but the heights come with lengths of "
             f"{come}: use these."
