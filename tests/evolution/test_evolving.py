@@ -7,6 +7,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from programs import compilations
 from viscoelastic_lines import ANY, cycle, relaxed_of, viscoelastic
 
 import jaxstab as js
@@ -85,6 +86,14 @@ def test_after_a_failure_there_are_no_numbers_and_it_goes_on_from_the_last_state
     assert rest.contact_area[0] > 0
     with pytest.raises(ValueError, match="start from a state that was found"):
         js.evolve(contact, load, times, initial=found[2])
+
+
+def test_another_contact_and_load_compile_nothing():
+    times, values = cycle(9)
+    js.evolve(viscoelastic(), js.MeanDisplacement(values), times, rtol=ANY)
+    with compilations() as compiled:
+        js.evolve(viscoelastic(energy=0.0021), js.MeanDisplacement(1.01 * values), times, rtol=ANY)
+    assert not compiled
 
 
 def test_a_tolerance_below_the_rounding_of_equilibria_is_named():
