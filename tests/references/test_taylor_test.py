@@ -107,7 +107,7 @@ def test_single_precision_is_named_where_it_is_the_cause():
 def test_what_cannot_be_tested_is_refused():
     with pytest.raises(ValueError, match=r"\['b'\] is 0, .*give a direction"):
         js.check_derivative(lambda p: p["a"] + p["b"], {"a": 1.0, "b": 0.0})
-    with pytest.raises(TypeError, match="outside of JAX transformations"):
+    with pytest.raises(TypeError, match="check_derivative works on known numbers"):
         jax.jit(lambda x: js.check_derivative(jnp.sin, x).success)(1.0)
     with pytest.raises(TypeError, match="at least one floating-point number"):
         js.check_derivative(jnp.sin, "x")
