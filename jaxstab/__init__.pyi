@@ -11,7 +11,14 @@ from .branches import (
     critical_load,
 )
 from .branches.differentiable_limit import CriticalLoad
-from .calibration import Calibration, FitWarning, calibrate
+from .calibration import (
+    Calibration,
+    Calibrations,
+    FitWarning,
+    calibrate,
+    calibrate_each,
+    first_guess,
+)
 from .citations import cite
 from .contact import Contact
 from .contact.extrapolation import Extrapolation, extrapolate
@@ -110,6 +117,7 @@ __all__ = [
     "BarrierLaw",
     "Branch",
     "Calibration",
+    "Calibrations",
     "CoatedHalfSpace",
     "Conductance",
     "ConeSolver",
@@ -170,6 +178,7 @@ __all__ = [
     "WindowWarning",
     "assess_stability",
     "calibrate",
+    "calibrate_each",
     "check_derivative",
     "cite",
     "conductance",
@@ -181,6 +190,7 @@ __all__ = [
     "evolve",
     "extrapolate",
     "files",
+    "first_guess",
     "follow",
     "force_curves",
     "growth_rate",

@@ -7,7 +7,7 @@ from jax.scipy.special import betainc
 from jaxtyping import Array, Float
 
 from jaxstab.calibration.least_squares import Curve, Measured
-from jaxstab.core.types import Scalar
+from jaxstab.core.types import ArrayLike, Scalar
 from jaxstab.core.warn import warn
 
 # The chance of a normal error, or of a lower misfit by chance, below which a warning is given.
@@ -20,6 +20,8 @@ _MOST = 0.9
 _FAINT = 1e-3
 # A misfit is a drift if this would remove such a part of the sum of squares.
 _DRIFT = 0.5
+# A misfit that exceeds the noise so many times is that of the contact.
+_ABOVE_NOISE = 2.0
 # Above this misfit a warning is given if the guess's curve runs the other way.
 _POOR = 0.1
 
@@ -79,6 +81,21 @@ def warn_of_misfit(measured: Measured, fitted: Curve, count: int, hints: Hints) 
             f"the misfit would fall by {float(hints.drop):.0%} if "
             f"{' and '.join(said[name] for name in missing)}: give "
             f"{', '.join(f'{name}=True' for name in missing)}.",
+            FitWarning,
+        )
+
+
+def warn_above_noise(measured: Measured, fitted: Curve, count: int, noise: ArrayLike) -> None:
+    """Warn of a misfit that exceeds the noise, the standard error of a pressure of weight one."""
+    misfit = _misfit(measured, fitted)
+    freedom = max(int(np.sum(measured.weights > 0)) - count, 1)
+    times = float(np.linalg.norm(misfit) / np.sqrt(freedom) / noise)
+    if times > _ABOVE_NOISE:
+        warn(
+            f"the misfit is {times:.2g} times the noise of the baseline: the curve is not one of "
+            "this contact. Compare approach and retraction, whose difference may be viscosity, and "
+            "fit another law or another shape of the tip. Standard "
+            "errors follow from the misfit, but not from what makes it.",
             FitWarning,
         )
 

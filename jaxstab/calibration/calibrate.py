@@ -9,7 +9,13 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import PyTree
 
-from jaxstab.calibration.advice import FitWarning, Hints, warn_of_misfit, wrong_sign
+from jaxstab.calibration.advice import (
+    FitWarning,
+    Hints,
+    warn_above_noise,
+    warn_of_misfit,
+    wrong_sign,
+)
 from jaxstab.calibration.least_squares import (
     Curve,
     Evaluation,
@@ -42,7 +48,7 @@ from jaxstab.core.results import RESULTS, throw_failure
 from jaxstab.core.types import ArrayLike, Scalar
 from jaxstab.core.units import FORCE, NUMBER, PRESSURE, SPRING_CONSTANT, STIFFNESS
 from jaxstab.core.warn import warn
-from jaxstab.force_curves import ForceCurve
+from jaxstab.force_curves import ForceCurve, ForceCurves
 from jaxstab.loads import Load, MeanPressure, require_load
 
 # A fit with a larger loss does not describe the measurements; a zero curve has a loss of 1/2.
@@ -149,24 +155,29 @@ def calibrate(
     Raises:
         ValueError: for measurements that do not match the loads, are not finite, or are not more
             than the parameters. For negative weights, an unknown order, and `starts` below 1.
-        TypeError: for a load that prescribes the pressure, or a contact in single precision.
+        TypeError: for a load that prescribes the pressure, a contact in single precision, or
+            several force curves.
         SolverError: if `throw` and the fit did not converge, or does not describe the measurements:
             a parameter ran to its bound or is not determined, or a zero or a constant curve fits
             hardly worse. The message names the likely cause, such as a wrong sign or an outlier.
 
     Warns:
         FitWarning: for an outlier or a drift, and for an offset or a baseline that is not fitted
-            although the measurements have one; for an interrupt.
+            although the measurements have one; for a force curve if the misfit exceeds its noise,
+            so that another contact made it; for an interrupt.
     """
     require_contact(contact)
     loads: Any = load
     given = mean_pressure
     shifts = 0.0
+    noise = None
+    if isinstance(given, ForceCurves):
+        raise TypeError(f"There are {len(given)} force curves: fit them by `calibrate_each`.")
     is_curve = isinstance(given, ForceCurve)
     if is_curve:
         if forces is not None or weights is not None:
             raise ValueError("A force curve brings its own forces and weights: leave these out.")
-        loads, forces, weights, shifts = means_of(contact, load, given, segment, points)
+        loads, forces, weights, shifts, noise = means_of(contact, load, given, segment, points)
         given = None
     offset = is_curve if offset is None else offset
     baseline = (is_curve and "linear") if baseline is None else baseline
@@ -229,6 +240,8 @@ def calibrate(
         fit, hints = _watched(inputs, progress)
         if fit.result == RESULTS.successful:
             warn_of_misfit(measured, fit.mean_pressure, len(fit.names), hints)
+            if noise is not None:
+                warn_above_noise(measured, fit.mean_pressure, len(fit.names), noise / contact.area)
     return throw_failure(fit.result, fit, lambda: describe(fit, measured, hints), throw)
 
 

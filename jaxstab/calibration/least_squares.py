@@ -29,6 +29,10 @@ _FINEST = 1e-6
 _COARSEST = 1e-2
 # The longest step in a logarithm, since slopes hold nearby only.
 _LONGEST = 1.0
+# Correlations of the misfit over so many loads count, if they exceed those of white noise so many
+# times.
+_LAGS = 3
+_CHANCES = 3.0
 # A parameter is determined if this part of it lies in the row space of the Jacobian.
 _SEEN = 0.999
 
@@ -143,9 +147,21 @@ class FitProblem:
         return Evaluation(free, pressure, misfit, jnp.where(has_slope[:, None], rows, 0))
 
     def variance(self, point: Evaluation, held: Chosen) -> Scalar:
-        """Return the variance of a measurement, |r|^2 / (n - p), n being the loads of weight."""
-        count = jnp.sum(self.measured.weights > 0) - jnp.sum(~held)
-        return 2 * point.loss / jnp.maximum(count, 1)
+        """Return the variance of a measurement, |r|^2 / (n - p), n being the loads of weight.
+
+        A misfit that is alike at loads beside each other, as the misfit of another law is, counts
+        as fewer measurements: by 1 + 2 sum_k (1 - k / (K + 1)) rho_k, with its correlations rho_k
+        (Newey & West, Econometrica 55, 703, 1987), where chance does not explain these.
+        """
+        count = jnp.sum(self.measured.weights > 0)
+        lags = np.arange(1, _LAGS + 1)
+        shares = 1 - lags / (_LAGS + 1)
+        products = [jnp.sum(point.misfit[k:] * point.misfit[:-k]) for k in lags]
+        square = jnp.maximum(2 * point.loss, jnp.finfo(float).tiny)
+        raised = 2 * jnp.sum(shares * jnp.stack(products)) / square
+        by_chance = 2 * jnp.sqrt(np.sum(shares**2) / jnp.maximum(count, 1))
+        factor = 1 + jnp.where(raised > _CHANCES * by_chance, raised, 0)
+        return factor * 2 * point.loss / jnp.maximum(count - jnp.sum(~held), 1)
 
 
 class Directions(eqx.Module):

@@ -23,8 +23,12 @@ _FAR = 6
 _BLOCKS = 200
 _FORCES = 5.0
 _FEWEST_FAR = 10
-# Jumps divide a few means.
-_SPARE = 6
+# Where the force bends means are over fewer points, and jumps divide some: one more for so many.
+_SPARE = 3
+# A mean is divided if it exceeds the force at its middle by so many of its errors, and both halves
+# have so many points.
+_BENT = 0.25
+_FEWEST_IN_MEAN = 4
 # A step of the tip is a jump if it exceeds the noise, and steps of the cantilever, so many times.
 _NOISES, _STEPS = 12.0, 5.0
 # Fewer points between two jumps are a tip on its way.
@@ -40,13 +44,15 @@ _LEAST_SLOPE = 0.02
 class Means(NamedTuple):
     """Means over points of a curve, in the order of the measurement, in units of the contact.
 
-    The shifts are those of the loads by one standard error of the drift.
+    The shifts are those of the loads by one standard error of the drift, the noise is the standard
+    error of a force of weight one.
     """
 
     load: Load
     forces: np.ndarray
     weights: np.ndarray
     shifts: np.ndarray
+    noise: float
 
 
 def means_of(
@@ -78,8 +84,6 @@ def means_of(
             f"The load is {given}: for a force curve give the class FarDisplacement or Spring, "
             "whose values follow from the curve."
         )
-    require_one_of("segment", parts, _PARTS)
-    require("points", integer("points", points), points >= 4, "give at least 4.")
     units = contact.units
     if units.length is None or units.pressure is None:
         raise ValueError(
@@ -88,22 +92,40 @@ def means_of(
         )
     if units.sides == 1:
         raise ValueError("The contact is a line, on which forces are per length: give a plane.")
+    is_spring = kind is Spring
+    positions, forces, weights, shifts, constant = columns_of(curve, parts, points, is_spring)
+    length = 10.0 ** -LENGTHS[units.length]
+    force = 10.0 ** -(PRESSURES[units.pressure] + 2 * LENGTHS[units.length])
+    if is_spring:
+        load = Spring.cantilever(positions * length, constant * force / length, contact.grid)
+    else:
+        load = FarDisplacement(positions * length)
+    noise = force / np.sqrt(np.max(weights))
+    return Means(load, forces * force, weights / np.max(weights), shifts * length, noise)
+
+
+def columns_of(
+    curve: ForceCurve, parts: Parts, points: int, is_spring: bool
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, float]:
+    """Return positions, forces, weights and shifts of means in SI units, and the spring constant.
+
+    The weights are one over the variance of the forces.
+    """
+    require_one_of("segment", parts, _PARTS)
+    require("points", integer("points", points), points >= 4, "give at least 4.")
     for name in _PARTS[parts]:
         if name not in curve.segments:
             raise ValueError(
                 f"The curve has no {name}, but {', '.join(curve.segments)}: fit that, as "
                 f'`segment="{next(iter(curve.segments))}"`.'
             )
-    curve = (curve if curve.correction else curve.corrected()).in_units("m", "N")
-    constant = curve.spring_constant
+    constant = curve.in_units("m", "N").spring_constant
     if constant is None:
         raise ValueError(
             "The curve has no spring constant, without which its tip positions are unknown: give "
             "it in N/m, as in js.force_curves.read(path, spring_constant=0.2)."
         )
-    length = 10.0 ** -LENGTHS[units.length]
-    force = 10.0 ** -(PRESSURES[units.pressure] + 2 * LENGTHS[units.length])
-    is_spring = kind is Spring
+    curve = (curve if curve.correction else curve.corrected()).in_units("m", "N")
     correction = curve.correction
     assert correction is not None
     drift_error = correction.drift_error if correction.removes_drift else None
@@ -120,11 +142,7 @@ def means_of(
         for name in _PARTS[parts]
     ]
     positions, forces, weights, shifts = map(np.concatenate, zip(*found, strict=True))
-    if is_spring:
-        load = Spring.cantilever(positions * length, constant * force / length, contact.grid)
-    else:
-        load = FarDisplacement(positions * length)
-    return Means(load, forces * force, weights / np.max(weights), shifts * length)
+    return positions, forces, weights, shifts, constant
 
 
 def _means(
@@ -138,7 +156,7 @@ def _means(
     """Return means of positions and forces, weights and shifts, in the order of the measurement.
 
     A mean over points of a curved F exceeds F at their mean position by half its second derivative
-    times the variance of the positions: that is subtracted.
+    times the variance of the positions: that is subtracted. Where it is large the mean is divided.
     """
     present = np.flatnonzero(segment.is_present)
     is_down = segment.height[present[0]] > segment.height[present[-1]]
@@ -161,27 +179,39 @@ def _means(
         _bins(height, height[is_far], num_far),
         points + _bins(height, height[~is_far], points),
     )
-    chosen, keys = np.unique((runs * 3 * points + bins)[is_whole], return_inverse=True)
-    # Differences are taken between jumps.
-    run = chosen // (3 * points)
-    height, tip, force = height[is_whole], tip[is_whole], force[is_whole]
-    columns = np.zeros((4, len(chosen)))
-    shifts = shifts[numbers][is_whole]
-    for i in range(len(chosen)):
-        inside = keys == i
-        near = (np.abs(keys - i) <= 1) & (run[keys] == run[i])
-        means = np.array([values[inside].mean() for values in (height, tip, force, shifts)])
-        uses_tip = not is_spring and np.var(tip[near]) > _ABOVE_NOISE * noise**2
-        if uses_tip:
-            # The height is singular where the tip is about to jump, the tip position is not.
-            spread = max(np.var(tip[inside]) - noise**2, 0.0)
-            means[2] -= _bend(tip[near] - means[1], force[near]) * spread / 2
-        else:
-            excess = _bend(height[near] - means[0], force[near]) * np.var(height[inside]) / 2
-            means[1:3] -= excess / constant, excess
-        columns[:, i] = means
-    middles, tips, forces, moves = columns
-    weights = np.bincount(keys) / line.noise**2
+    keys = (runs * 3 * points + bins)[is_whole]
+    run = runs[is_whole]
+    columns = np.stack([height, tip, force, shifts[numbers]])[:, is_whole]
+    groups = [np.flatnonzero(keys == key) for key in np.unique(keys)]
+    most = points + num_far + points // _SPARE
+
+    def corrected(place: int) -> tuple[np.ndarray, float]:
+        """Return the means over a group, corrected, and the correction of the force."""
+        inside = columns[:, groups[place]]
+        # Differences are taken between jumps.
+        beside = groups[max(place - 1, 0) : place + 2]
+        same = [group for group in beside if run[group[0]] == run[groups[place][0]]]
+        near = columns[:, np.concatenate(same)]
+        middle = inside.mean(axis=1)
+        # The height is singular where the tip is about to jump, the tip position is not.
+        if not is_spring and np.var(near[1]) > _ABOVE_NOISE * noise**2:
+            spread = max(np.var(inside[1]) - noise**2, 0.0)
+            excess = float(_bend(near[1] - middle[1], near[2]) * spread / 2)
+            return middle - [0, 0, excess, 0], excess
+        excess = float(_bend(near[0] - middle[0], near[2]) * np.var(inside[0]) / 2)
+        return middle - [0, excess / constant, excess, 0], excess
+
+    while True:
+        means, excess = zip(*map(corrected, range(len(groups))), strict=True)
+        count = np.array([len(group) for group in groups])
+        share = np.abs(excess) * np.sqrt(count) / line.noise
+        worst = int(np.argmax(np.where(count < 2 * _FEWEST_IN_MEAN, 0, share)))
+        if len(groups) >= most or count[worst] < 2 * _FEWEST_IN_MEAN or share[worst] <= _BENT:
+            break
+        groups[worst : worst + 1] = np.array_split(groups[worst], 2)
+    run = run[[group[0] for group in groups]]
+    middles, tips, forces, moves = np.transpose(means)
+    weights = count / line.noise**2
     if not is_spring:
         for same in (run == number for number in np.unique(run)):
             if np.sum(same) > 1:
@@ -190,7 +220,7 @@ def _means(
     columns = np.stack([middles if is_spring else tips, forces, weights, moves])
     columns = columns if is_down else columns[:, ::-1]
     # Curves of one number of means share compiled programs: the last is repeated without weight.
-    repeated = np.repeat(columns[:, -1:], max(points + num_far + _SPARE - len(chosen), 0), axis=1)
+    repeated = np.repeat(columns[:, -1:], max(most - len(groups), 0), axis=1)
     repeated[2] = 0
     return tuple(np.concatenate([columns, repeated], axis=1))
 

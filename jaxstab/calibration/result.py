@@ -131,7 +131,7 @@ class Calibration(eqx.Module):
             return eqx.tree_pformat(self)
         found = _found(self)
         divisors = np.array([divisor for _, _, divisor, _ in found])
-        errors = np.sqrt(np.diag(self.covariance)) / divisors
+        errors = numbers_of(self)[1] / divisors
         rows = {
             "parameter": self.names,
             "value": [number(value) for _, value, _, _ in found],
@@ -209,12 +209,17 @@ def describe(fit: Calibration, measured: Measured, hints: Hints) -> str:
     )
 
 
+def numbers_of(fit: Calibration) -> tuple[np.ndarray, np.ndarray]:
+    """Return the fitted numbers and their standard errors, in the order of the names."""
+    zeros = [getattr(fit, name) for name in ZEROS if name in fit.names]
+    values = np.array([float(value) for value in [*values_of(fit.parameters)[0], *zeros]])
+    return values, np.sqrt(np.diag(fit.covariance))
+
+
 def _found(fit: Calibration) -> list[tuple[str, float, float, str]]:
     """Return for each fitted number its name, its value, the divisor of the value, and its unit."""
-    zeros = [getattr(fit, name) for name in ZEROS if name in fit.names]
-    values = [float(value) for value in [*values_of(fit.parameters)[0], *zeros]]
     found = []
-    for name, value, dimension in zip(fit.names, values, fit.dimensions, strict=True):
+    for name, value, dimension in zip(fit.names, numbers_of(fit)[0], fit.dimensions, strict=True):
         divisor, unit = chosen_unit(fit.contact.units, dimension)
-        found.append((name, value / divisor, divisor, shown_unit(unit)))
+        found.append((name, float(value) / divisor, divisor, shown_unit(unit)))
     return found

@@ -7,11 +7,17 @@ from typing import TYPE_CHECKING, Literal, overload
 
 import numpy as np
 
-from jaxstab.core.display import times
-from jaxstab.force_curves.force_curve import ForceCurve
+from jaxstab.core.checks import require_one_of
+from jaxstab.core.display import several, times
+from jaxstab.core.warn import warn
+from jaxstab.force_curves.force_curve import BASELINES, ForceCurve, ForceCurveWarning
 
 if TYPE_CHECKING:
     import xarray
+
+_NOT_CORRECTED = "not corrected"
+# So many of several curves that fail alike are named in a warning.
+_MOST_NAMED = 5
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -49,16 +55,38 @@ class ForceCurves(Sequence[ForceCurve]):
         """Reverse the signs of all forces."""
         return self._each(lambda curve: -curve)
 
+    @property
+    def sources(self) -> list[str]:
+        """The source of each curve, or its number."""
+        return [curve.source or f"curve {number}" for number, curve in enumerate(self.curves)]
+
     def corrected(self, baseline: Literal["linear", "constant"] = "linear") -> "ForceCurves":
-        """Correct each curve, as `ForceCurve.corrected`; an error names the curve."""
+        """Correct each curve, as `ForceCurve.corrected`.
 
-        def correct(curve: ForceCurve) -> ForceCurve:
+        A curve that cannot be corrected stays as it is, without a `correction`, and its last remark
+        says why.
+
+        Raises:
+            ValueError: if no curve can be corrected, and for another baseline.
+
+        Warns:
+            ForceCurveWarning: for curves that are not corrected, with their names and reasons.
+        """
+        require_one_of("baseline", baseline, BASELINES)
+        curves = []
+        failed = []
+        for source, curve in zip(self.sources, self.curves, strict=True):
             try:
-                return curve.corrected(baseline)
+                curves.append(curve.corrected(baseline))
             except ValueError as error:
-                raise ValueError(f"{curve.source}: {error}") from None
-
-        return self._each(correct)
+                failed.append(f"{source}: {error}")
+                remarks = (*curve.remarks, f"{_NOT_CORRECTED}: {error}")
+                curves.append(replace(curve, remarks=remarks))
+        if len(failed) == len(self) > 0:
+            raise ValueError(f"None of {several(len(self), 'curve')} can be corrected. {failed[0]}")
+        if failed:
+            warn(all_of("are not corrected", failed, len(self)), ForceCurveWarning)
+        return replace(self, curves=tuple(curves))
 
     @property
     def numbers(self) -> np.ndarray:
@@ -117,7 +145,7 @@ class ForceCurves(Sequence[ForceCurve]):
         if all(pixel is not None for pixel in pixels):
             for axis, name in enumerate(("column", "row")):
                 joined.coords[name] = ("curve", [pixel[axis] for pixel in pixels if pixel])
-        return joined.assign_coords(source=("curve", [curve.source for curve in self.curves]))
+        return joined.assign_coords(source=("curve", self.sources))
 
     def __repr__(self) -> str:
         count = len(self)
@@ -139,11 +167,21 @@ class ForceCurves(Sequence[ForceCurve]):
             "no approach": lambda curve: curve.approach is None,
             "no retraction": lambda curve: curve.retraction is None,
             "no spring constant": lambda curve: curve.spring_constant is None,
+            "not corrected": lambda c: c.remarks and c.remarks[-1].startswith(_NOT_CORRECTED),
             "missing points": lambda c: any(part.num_missing for part in c.segments.values()),
         }
         for name, is_lacking in lacks.items():
-            if number := sum(map(is_lacking, self.curves)):
+            if number := sum(map(bool, map(is_lacking, self.curves))):
                 yield name, number
 
     def _each(self, change: Callable[[ForceCurve], ForceCurve]) -> "ForceCurves":
         return replace(self, curves=tuple(map(change, self.curves)))
+
+
+def all_of(fate: str, reasons: Sequence[str], count: int) -> str:
+    """Return a sentence on curves that share a fate, with the reason of each of the first few."""
+    if count == 1:
+        return reasons[0]
+    named = " ".join(reasons[:_MOST_NAMED])
+    more = "" if len(reasons) <= _MOST_NAMED else " ..."
+    return f"{len(reasons)} of {count} curves {fate}. {named}{more}"

@@ -16,6 +16,7 @@ from jaxstab.force_curves.segment import Segment
 if TYPE_CHECKING:
     import xarray
 
+BASELINES = ("linear", "constant")
 # The parts of a curve that is far from the sample, and deepest in it.
 _FAR = 0.25
 _DEEP = 0.02
@@ -108,7 +109,7 @@ class ForceCurve:
             ValueError: for another baseline, for fewer than 50 points of a segment, and where no
                 part of the curve is free of force, or none in contact.
         """
-        require_one_of("baseline", baseline, ("linear", "constant"))
+        require_one_of("baseline", baseline, BASELINES)
         segments, correction, remarks = correct(
             self.segments, self.spring_constant, baseline == "linear"
         )

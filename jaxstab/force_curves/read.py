@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from jaxstab.core.warn import warn
-from jaxstab.force_curves.curves import ForceCurves
+from jaxstab.force_curves.curves import ForceCurves, all_of
 from jaxstab.force_curves.force_curve import ForceCurve, ForceCurveWarning
 from jaxstab.force_curves.instruments import read_instrument
 from jaxstab.force_curves.named_columns import is_named_table, read_named_columns
@@ -39,7 +39,8 @@ def read(
 
     Returns:
         The curve, or for a file with several, or with pixels of a map, all of them in a sequence,
-        in metres and newtons. `print` says what they lack.
+        in metres and newtons. `print` says what they lack. Of several curves those without a force
+        or a height are left out, with a warning.
 
     Raises:
         FileNotFoundError: if there is no such file.
@@ -48,23 +49,26 @@ def read(
             column without unit, repeated or lacking; if the arguments contradict the file.
 
     Warns:
-        ForceCurveWarning: for forces whose sign seems to be wrong.
+        ForceCurveWarning: for forces whose sign seems to be wrong, and curves that are left out.
     """
     path = Path(path)
     if not path.exists():
         raise FileNotFoundError(f"{path} does not exist.")
     try:
-        curves = _curves(path, spring_constant, sensitivity)
+        curves, count = _curves(path, spring_constant, sensitivity)
     except (ImportError, ValueError) as error:
         kind = ImportError if isinstance(error, ImportError) else ValueError
         raise kind(f"{path}: {error}") from None
-    for curve in curves:
-        for sentence in curve.suspicions:
-            warn(f"{curve.source}: {sentence}", ForceCurveWarning)
-    return curves if len(curves) > 1 or curves.shape is not None else curves[0]
+    suspicions = [f"{x.source}: {' '.join(x.suspicions)}" for x in curves if x.suspicions]
+    if suspicions:
+        warn(all_of("look wrong", suspicions, count), ForceCurveWarning)
+    return curves if count > 1 or curves.shape is not None else curves[0]
 
 
-def _curves(path: Path, spring_constant: float | None, sensitivity: float | None) -> ForceCurves:
+def _curves(
+    path: Path, spring_constant: float | None, sensitivity: float | None
+) -> tuple[ForceCurves, int]:
+    """Return the curves of a file, and how many it holds with those that are left out."""
     if not path.is_file():
         raise ValueError("this is no file.")
     content = path.read_bytes()
@@ -77,12 +81,17 @@ def _curves(path: Path, spring_constant: float | None, sensitivity: float | None
     else:
         recordings, shape = read_instrument(path, spring_constant, sensitivity)
     curves = []
+    failed = []
     for recording in recordings:
         try:
             curves.append(recording.curve())
         except ValueError as error:
-            raise ValueError(f"{recording.source}: {error}") from None
-    return ForceCurves(tuple(curves), shape)
+            failed.append(f"{recording.source}: {error}")
+    if not curves:
+        raise ValueError(failed[0])
+    if failed:
+        warn(all_of("are left out", failed, len(recordings)), ForceCurveWarning)
+    return ForceCurves(tuple(curves), shape), len(recordings)
 
 
 def _is_table(path: Path, text: str) -> bool:

@@ -1,5 +1,6 @@
 """Fits to force curves as an instrument records them."""
 
+import warnings
 from dataclasses import replace
 
 import jax
@@ -7,6 +8,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 import synthetic_curves as synthetic
+from scipy.interpolate import CubicSpline
 
 import jaxstab as js
 from jaxstab.calibration.measured_curve import means_of
@@ -119,11 +121,29 @@ def test_means_lie_on_the_law_with_errors_as_their_weights_say(kind):
         contacts.append((errors * roots)[~is_free & (roots > 0)])
         free.append((errors * roots)[is_free & (roots > 0)])
         assert (found.weights >= 0).all() and found.weights.max() == 1
-        assert len(found.weights) == 52
+        assert len(found.weights) == 59
     spread = np.std(np.concatenate(contacts)) / np.std(np.concatenate(free))
     assert 0.7 < spread < 1.4
     mean = np.mean(np.concatenate(contacts)) / np.std(np.concatenate(free))
     assert abs(mean) < 0.3
+
+
+def test_means_beside_a_sharp_minimum_lie_on_the_law_within_their_errors(law):
+    """The force bends there within the points of one of 40 means, which are then divided."""
+    fine = np.linspace(law[0][0], law[0][-1], 20000)
+    forces = CubicSpline(*law)(fine)
+    errors = []
+    for seed in range(20):
+        known = {"contact": 0.0, "drift": 0.0, "tilt": 0.0, "offsets": (0.0, 0.0)}
+        curve = synthetic.recorded(law, seed, **RECORD | known)
+        flat = replace(curve.corrected(), **curve.segments)
+        found = means_of(contact(), js.FarDisplacement, flat, "retraction", 40)
+        away = found.forces - np.interp(-np.asarray(found.load.value), fine, forces)
+        is_sharp = found.forces < 0.6 * forces.min()
+        errors.append((away * np.sqrt(found.weights) / found.noise)[is_sharp])
+    errors = np.concatenate(errors)
+    assert 0.8 < np.sqrt(np.mean(errors**2)) < 1.2
+    assert abs(errors.mean()) < 0.25
 
 
 def test_both_segments_are_fitted_in_the_order_of_the_measurement():
@@ -158,6 +178,89 @@ def test_missing_points_have_no_part_in_means():
     holed = replace(curve, approach=replace(curve.approach, force=force))
     means = means_of(contact(), js.FarDisplacement, holed, "approach", 20)
     assert np.isfinite(means.forces).all()
+
+
+@pytest.mark.parametrize(("name", "work_error"), [("jkr", 0.2), ("dmt", 0.2)])
+def test_a_first_guess_is_near_the_sphere_of_a_closed_form(name, work_error):
+    law = {"jkr": synthetic.jkr(3.0), "dmt": synthetic.dmt()}[name]
+    curve = synthetic.recorded(law, 0)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", js.FitWarning)
+        guess = js.first_guess(curve, synthetic.RADIUS, 0.5, points=16)
+        metres = js.first_guess(curve.in_units("m", "N"), 1e-9 * synthetic.RADIUS, 0.5, points=16)
+    modulus = 1e-3 * guess.solid.youngs_modulus / (1 - 0.5**2)
+    assert abs(modulus / synthetic.MODULUS - 1) < 0.1
+    # nm MPa = 1e-3 J/m^2.
+    work = 1e-3 * guess.potential.surface_energy
+    assert abs(work / synthetic.WORK - 1) < work_error
+    # All that attracts is on the window.
+    half = guess.grid.lengths[0] / 2
+    deepest = -curve.corrected().retraction.tip_position.min()
+    assert half > np.sqrt(2 * synthetic.RADIUS * (deepest + 3 * guess.potential.length))
+    assert guess.resolution > 0.999
+    np.testing.assert_allclose(metres.solid.youngs_modulus, guess.solid.youngs_modulus, rtol=1e-3)
+    np.testing.assert_allclose(1e9 * metres.grid.lengths, guess.grid.lengths, rtol=1e-3)
+
+
+def test_a_first_guess_says_what_it_lacks():
+    jkr = synthetic.recorded(synthetic.jkr(3.0), 0)
+    with pytest.warns(js.FitWarning, match=r"range of about .* nm, and a grid of 8 points") as said:
+        js.first_guess(jkr, synthetic.RADIUS, 0.5, points=8)
+    assert "where=lambda contact: (contact.potential.surface_energy" in str(said[0].message)
+    hertz = synthetic.recorded(synthetic.hertz(), 0)
+    without = {name: replace(x, tip=None) for name, x in jkr.segments.items()}
+    cases = [
+        (ValueError, "retraction shows no attraction: its least force", hertz, 20.0),
+        (ValueError, "spring constant", replace(jkr, **without, spring_constant=None), 20.0),
+        (ValueError, "has no retraction, but approach", replace(jkr, retraction=None), 20.0),
+        (ValueError, "The radius is 0", jkr, 0.0),
+        (TypeError, "Segment is no force curve", jkr.approach, 20.0),
+    ]
+    for kind, message, curve, radius in cases:
+        with pytest.raises(kind, match=message):
+            js.first_guess(curve, radius, 0.5)
+
+
+@pytest.mark.filterwarnings("ignore::jaxstab.WindowWarning")
+def test_a_map_with_holes_and_bad_curves_gives_maps_with_errors(law):
+    good = [synthetic.recorded(law, seed, **RECORD) for seed in (0, 4)]
+    pixels = [(0, 0), (1, 0), (2, 1)]
+    curves = [*good, -good[0]]
+    named = [
+        replace(curve, pixel=pixel, source=f"pixel {pixel}")
+        for curve, pixel in zip(curves, pixels, strict=True)
+    ]
+    whole = js.force_curves.ForceCurves(tuple(named), (3, 2))
+    start = contact(0.06, 5.0, 0.12)
+    with pytest.warns(js.FitWarning, match=r"1 of 3 curves have no fit. pixel \(2, 1\): .*-curve"):
+        fits = js.calibrate_each(lambda _: start, js.FarDisplacement, whole)
+    modulus, error = (f("solid.youngs_modulus") for f in (fits.values, fits.errors))
+    np.testing.assert_array_equal(np.isnan(modulus), [[False, True], [False, True], [True, True]])
+    np.testing.assert_array_equal(np.isnan(error), np.isnan(modulus))
+    assert (abs(modulus - MODULUS)[:2, 0] < 3 * error[:2, 0]).all()
+    alone = js.calibrate(start, js.FarDisplacement, good[1])
+    np.testing.assert_allclose(modulus[1, 0], alone.parameters[1], rtol=1e-9)
+    assert fits.fits[2] is None and "reverse the forces" in fits.reasons[2]
+    assert "2 of 3 curves fitted" in repr(fits) and "pixel (2, 1): The approach" in repr(fits)
+    raised = fits.with_error_of_grid(replace(fits, fits=(fits.fits[1], None, None)))
+    assert np.isnan(raised.values("solid.youngs_modulus"))[1, 0]
+    both = np.hypot(error[0, 0], modulus[0, 0] - modulus[1, 0])
+    np.testing.assert_allclose(raised.errors("solid.youngs_modulus")[0, 0], both)
+    with pytest.raises(ValueError, match="parameter is 'modulus'"):
+        fits.values("modulus")
+
+
+def test_several_curves_without_any_fit_are_refused():
+    curve = synthetic.recorded(synthetic.dmt(), 0)
+    curves = js.force_curves.ForceCurves((-curve, -curve))
+    with pytest.raises(
+        js.SolverError, match=r"None of 2 curves can be fitted. curve 0: The approach"
+    ):
+        js.calibrate_each(contact(), js.FarDisplacement, curves)
+    with pytest.raises(TypeError, match="ForceCurve is no sequence"):
+        js.calibrate_each(contact(), js.FarDisplacement, curve)
+    with pytest.raises(TypeError, match="2 force curves: fit them by `calibrate_each`"):
+        js.calibrate(contact(), js.FarDisplacement, curves)
 
 
 def test_what_cannot_be_fitted_is_refused():

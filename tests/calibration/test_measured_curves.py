@@ -8,10 +8,11 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from scipy.optimize import brentq, curve_fit, least_squares
+from scipy.signal import lfilter
 from scipy.stats import t as student
 
 import jaxstab as js
-from jaxstab.calibration.least_squares import FitProblem, Measured, minimise
+from jaxstab.calibration.least_squares import Evaluation, FitProblem, Measured, minimise
 
 # Flat surfaces under a spring: a scalar equation, solved below without jaxstab.
 ENERGY, RANGE, STIFFNESS = 0.02, 0.1, 5.0
@@ -278,6 +279,32 @@ def test_a_load_without_a_derivative_counts_but_does_not_direct():
     end = minimise(problem, jnp.zeros(2), jnp.array([False, True]), 50)
     expected = np.sum((problem.values(end.point.free)[0] * x - y) ** 2) / np.sum(y**2) / 2
     np.testing.assert_allclose(end.point.loss, expected, rtol=1e-12)
+
+
+def test_errors_allow_for_a_misfit_that_is_alike_at_neighbours():
+    x = np.linspace(-1, 1, 58)
+    rows = np.stack([x, np.zeros(58)], axis=1)
+    random = np.random.default_rng(0)
+    slopes = {0.0: [], 0.8: []}
+    errors = {0.0: [], 0.8: []}
+    for correlation in slopes:
+        for _ in range(100):
+            noise = lfilter([1], [1, -correlation], random.normal(size=158))[100:]
+            y = 10 * x + noise
+            measured = Measured(js.MeanGap(jnp.asarray(x)), y, np.ones(58), has_baseline=False)
+            slope = x @ y / (x @ x)
+            problem = FitProblem(None, jnp.array([slope, 0.0]), measured, None)
+            misfit = np.asarray(measured.roots) * (slope * x - y)
+            jacobian = np.asarray(measured.roots)[:, None] * rows
+            point = Evaluation(jnp.zeros(2), jnp.asarray(slope * x), misfit, jacobian)
+            variance = problem.variance(point, np.array([False, True]))
+            slopes[correlation].append(slope)
+            errors[correlation].append(float(np.sqrt(variance / np.sum(jacobian[:, 0] ** 2))))
+    # White noise is taken as it is, with few exceptions.
+    assert np.std(slopes[0.0]) == pytest.approx(np.median(errors[0.0]), rel=0.2)
+    assert np.std(slopes[0.8]) < 2 * np.median(errors[0.8])
+    plain = np.sqrt(1 / (1 - 0.8**2) / (x @ x))
+    assert np.std(slopes[0.8]) > 2.2 * plain
 
 
 def tip(n, side, energy, length):

@@ -8,6 +8,7 @@ import synthetic_curves as synthetic
 
 import jaxstab as js
 
+COLUMNS = "force", "height", "tip", "time"
 LAWS = {"hertz": synthetic.hertz(), "dmt": synthetic.dmt(), "jkr": synthetic.jkr()}
 
 
@@ -147,9 +148,28 @@ def test_curves_that_cannot_be_corrected_say_why():
     short = {name: curve.approach.__dict__[name][::50] for name in ("force", "height", "tip")}
     with pytest.raises(ValueError, match="40 points: a baseline needs 50"):
         replace(curve, approach=js.force_curves.Segment(**short)).corrected()
-    curves = js.force_curves.ForceCurves((curve, replace(-curve, source="second")))
-    with pytest.raises(ValueError, match="second: The approach pulls"):
-        curves.corrected()
+
+
+def test_of_several_curves_the_good_ones_are_corrected_and_the_bad_ones_named():
+    good = synthetic.recorded(LAWS["hertz"], 2, points=400)
+    short = replace(good.approach, **{n: getattr(good.approach, n)[::10] for n in COLUMNS})
+    bad = [replace(-good, source="second"), replace(good, approach=short, source="third")]
+    curves = js.force_curves.ForceCurves((good, *bad, good))
+    message = r"2 of 4 curves are not corrected. second: The approach pulls.* third: .*40 points"
+    with pytest.warns(js.force_curves.ForceCurveWarning, match=message):
+        corrected = curves.corrected()
+    assert [curve.correction is None for curve in corrected] == [False, True, True, False]
+    np.testing.assert_array_equal(corrected[1].approach.force, bad[0].approach.force)
+    assert corrected[2].remarks[-1].startswith("not corrected: The approach has 40 points")
+    assert "2 of 4 curves: not corrected" in repr(corrected)
+    alone = good.corrected().correction
+    assert corrected[3].correction.contact_point == alone.contact_point
+    with pytest.raises(
+        ValueError, match=r"None of 2 curves can be corrected. second: The approach"
+    ):
+        js.force_curves.ForceCurves(tuple(bad)).corrected()
+    with pytest.raises(ValueError, match="baseline is 'quadratic'"):
+        curves.corrected("quadratic")
 
 
 def test_a_retraction_that_does_not_detach_is_corrected_by_the_approach():

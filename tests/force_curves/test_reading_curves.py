@@ -139,6 +139,28 @@ def test_several_curves_are_a_sequence(tmp_path):
         curves.numbers  # noqa: B018
 
 
+def test_curves_that_are_none_are_left_out_and_named(tmp_path):
+    height, force = np.tile(HEIGHT, 3), np.tile(FORCE, 3)
+    height[102:204] = 5.0
+    force[204:] = np.nan
+    columns = height, force, np.repeat(["a", "b", "c"], 102)
+    message = r"2 of 3 curves are left out. .*curve b: its height is the same .*curve c: only 0 of"
+    with pytest.warns(js.force_curves.ForceCurveWarning, match=message):
+        curves = read(tmp_path, table(f"{TITLES},curve", *columns))
+    assert len(curves) == 1
+    np.testing.assert_allclose(curves[0].approach.force, 1e-9 * FORCE[:61], rtol=1e-12)
+    whole = table(f"{TITLES},curve", *(column[102:] for column in columns))
+    with pytest.raises(ValueError, match="curve b: its height is the same"):
+        read(tmp_path, whole)
+
+
+def test_reversed_forces_of_several_curves_are_told_once(tmp_path):
+    columns = *(np.tile(column, 3) for column in (HEIGHT, -FORCE)), np.repeat([1, 2, 3], 102)
+    with pytest.warns(js.force_curves.ForceCurveWarning, match="3 of 3 curves look wrong") as said:
+        read(tmp_path, table(f"{TITLES},curve", *columns))
+    assert len(said) == 1
+
+
 @pytest.mark.parametrize(
     ("titles", "message"),
     [

@@ -1,0 +1,214 @@
+"""The contact from which the fit of a force curve starts, by a fit of a closed form."""
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+
+from jaxstab.calibration.advice import FitWarning
+from jaxstab.calibration.measured_curve import Parts, columns_of
+from jaxstab.contact import Contact
+from jaxstab.contact.resolution import resolved_range
+from jaxstab.core.checks import (
+    integer,
+    positive_scalar,
+    require,
+    require_kind,
+    require_one_of,
+    scalar_parameter,
+)
+from jaxstab.core.compile import own_conventions
+from jaxstab.core.grid import Grid
+from jaxstab.core.types import ArrayLike
+from jaxstab.core.units import LENGTHS, PRESSURES, shown_unit
+from jaxstab.core.warn import warn
+from jaxstab.force_curves import ForceCurve
+from jaxstab.potentials import Exponential, Potential
+from jaxstab.references import jkr, maugis, regime
+from jaxstab.solids import FreeHalfSpace
+from jaxstab.surfaces import paraboloid
+
+# Tabor's parameters to start the fit of the closed form from: DMT, between, and JKR.
+_TABOR = (0.1, 1.0, 5.0)
+# Logarithms of modulus, work and range stay so near their start.
+_FARTHEST = np.log(1e3)
+# The tolerance of the fit of the closed form, which only starts another.
+_ROUGHLY = 1e-4
+# The points of the closed form, with and without contact.
+_POINTS = 300
+# An attraction is seen if it exceeds the error of a mean so many times.
+_SEEN = 5.0
+# The window ends where the undeformed gap is so many ranges at the deepest position.
+_RANGES = 6.0
+
+
+class _Sphere(NamedTuple):
+    """The parameters of Maugis' sphere, in SI units."""
+
+    contact_modulus: float
+    work: float
+    range: float
+    contact_point: float
+
+    @classmethod
+    def of(cls, values: np.ndarray) -> "_Sphere":
+        """Return the sphere of the variables of a fit, which are logarithms but for the last."""
+        modulus, work, length = map(float, np.exp(values[:3]))
+        return cls(modulus, work, length, float(values[3]))
+
+
+@own_conventions()
+def first_guess(
+    curve: ForceCurve,
+    radius: ArrayLike,
+    poisson_ratio: ArrayLike,
+    *,
+    law: Callable[..., Potential] = Exponential,
+    segment: Parts = "retraction",
+    points: int = 32,
+    pressure_unit: str = "MPa",
+) -> Contact:
+    """Return a contact of a tip to start `calibrate` from: a paraboloid on an elastic half space.
+
+    Modulus, work of adhesion and range are those of Maugis' closed form (J. Colloid Interface Sci.
+    150, 243, 1992), fitted to the curve. The window holds the contact and the attraction around it.
+    A range that its grid does not resolve is replaced by the shortest that it does.
+
+    Radius and Poisson's ratio are in no file, and no curve tells them: a force curve of a larger
+    radius is that of a smaller modulus and work of adhesion.
+
+    Arguments:
+        curve: the curve, corrected first unless it is already.
+        radius: R of the tip, in the curve's unit of length [length].
+        poisson_ratio: nu of the sample, 0.5 of a rubber or a gel.
+        law: a law of a work of adhesion and a range, one of `jaxstab.potentials`.
+        segment: the part of the curve: "approach", "retraction" or "both", of which the retraction
+            is taken.
+        points: along a side of the grid.
+        pressure_unit: the contact's unit of pressure. Its unit of length is that of the curve.
+
+    Raises:
+        TypeError: for something that is not a force curve.
+        ValueError: if the radius is not positive, for a curve without a spring constant or the
+            segment, and for one that shows no contact or no attraction.
+
+    Warns:
+        FitWarning: if the grid does not resolve the range.
+    """
+    require_kind(curve, ForceCurve, "no force curve: give one of jaxstab.force_curves.read.")
+    require_one_of("the unit of pressure", pressure_unit, PRESSURES)
+    require("points", integer("points", points), points >= 4, "give at least 4.")
+    radius = float(positive_scalar(radius, "The radius"))
+    poisson = float(scalar_parameter(poisson_ratio, "Poisson's ratio"))
+    length = 10.0 ** LENGTHS[curve.unit]
+    pressure = 10.0 ** PRESSURES[pressure_unit]
+    part: Parts = "retraction" if segment == "both" else segment
+    tip, forces, weights, _, _ = columns_of(curve, part, 40, is_spring=False)
+    is_there = weights > 0
+    measured = -tip[is_there], forces[is_there], np.sqrt(weights[is_there])
+    sphere = _fitted(*measured, radius * length, part)
+    depth = max(float(np.max(measured[0])) - sphere.contact_point, 0.0)
+    # An adhesive contact is wider than Hertz' by up to some a0, where d0 = a0^2 / R.
+    adhesive = jkr.units(radius * length, sphere.contact_modulus, sphere.work).displacement
+    reach = depth + _RANGES * sphere.range + 2 * float(adhesive)
+    half = np.sqrt(2 * radius * length * reach)
+    grid = Grid(points, (2 * half / length,) * 2)
+    solid = FreeHalfSpace(grid, sphere.contact_modulus * (1 - poisson**2) / pressure, poisson)
+    heights = paraboloid(grid, radius)
+    work = sphere.work / (length * pressure)
+
+    def contact(size: float) -> Contact:
+        return Contact(
+            solid, heights, law(work, size), unit=curve.unit, pressure_unit=pressure_unit
+        )
+
+    found = contact(sphere.range / length)
+    if found.resolution >= 1:
+        return found
+    longest = float(resolved_range(found, 1.0))
+    states = [
+        regime(radius * length, sphere.contact_modulus, sphere.work, size)
+        for size in (sphere.range, longest * length)
+    ]
+    off = abs(float(states[1].pull_off / states[0].pull_off) - 1)
+    unit = shown_unit(curve.unit)
+    warn(
+        f"the curve shows a range of about {sphere.range / length:.3g} {unit}, and a grid of "
+        f"{points} points a side resolves {longest:.3g} {unit}, which the contact has. By the "
+        f"closed form its pull-off is {off:.1%} off. Hold the range in the fit, by `where=lambda "
+        "contact: (contact.potential.surface_energy, contact.solid.youngs_modulus)`, or give more "
+        "points.",
+        FitWarning,
+    )
+    return contact(longest)
+
+
+def _fitted(
+    indentation: np.ndarray, force: np.ndarray, roots: np.ndarray, radius: float, part: str
+) -> _Sphere:
+    """Return the sphere of Maugis whose curve is nearest to means of forces over indentations."""
+    from scipy.optimize import least_squares
+
+    deepest = float(np.max(force))
+    attraction = -float(np.min(force))
+    noise = 1 / float(roots[np.argmin(force)])
+    if attraction < _SEEN * noise:
+        other = ", or take the retraction" if part == "approach" else ""
+        raise ValueError(
+            f"The {part} shows no attraction: its least force is {-attraction:.3g} N, with a noise "
+            f"of {noise:.2g} N, so that no work of adhesion follows. Fit the modulus alone, with "
+            "`jaxstab.potentials.NoAdhesion()` and `where=lambda contact: "
+            f"contact.solid.youngs_modulus`{other}."
+        )
+    top = float(np.max(indentation))
+    pull = float(indentation[np.argmin(force)])
+    depth = max(top - pull, 1e-3 * np.ptp(indentation))
+    modulus = 0.75 * (deepest + attraction) / np.sqrt(radius * depth**3)
+    work = attraction / (1.75 * np.pi * radius)
+    unit = float(jkr.units(radius, modulus, work).displacement)
+    scale = np.append(np.full(3, 1.0), unit)
+
+    def misfit(values: np.ndarray) -> np.ndarray:
+        computed = _force(indentation, radius, _Sphere.of(values), pull, part == "approach")
+        return roots * (computed - force)
+
+    fits = []
+    for tabor in _TABOR:
+        length = np.cbrt(radius * (work / modulus) ** 2) / tabor
+        start = np.append(np.log([modulus, work, length]), pull)
+        reach = np.array([_FARTHEST] * 3 + [np.ptp(indentation)])
+        limits = start - reach, start + reach
+        fit = least_squares(
+            misfit, start, bounds=limits, x_scale=scale, ftol=_ROUGHLY, xtol=_ROUGHLY
+        )
+        fits.append(fit)
+    return _Sphere.of(min(fits, key=lambda fit: fit.cost).x)
+
+
+def _force(
+    indentation: np.ndarray, radius: float, sphere: _Sphere, pull: float, is_in: bool
+) -> np.ndarray:
+    """Return forces of the branch that ends at the pull-off, or on the way in at the first touch.
+
+    Beyond its end no force acts. The branch goes on to where the measured force is least, so that
+    no measurement in contact meets a step of the curve.
+    """
+    law = radius, sphere.contact_modulus, sphere.work, sphere.work / sphere.range
+    touch = maugis.first_touch(*law)
+    end = touch if is_in else maugis.pull_off(*law, np.inf)
+    unit = jkr.units(*law[:3])
+    depth = max(float(np.max(indentation)) - sphere.contact_point, 0.0)
+    # Of Hertz' sphere the depth is a^2 / R, of adhesive ones less.
+    most = 2 * np.sqrt(radius * depth) + 4 * unit.contact_radius
+    least = max(float(end.contact_radius), 1e-6 * unit.contact_radius)
+    states = maugis.curve(np.linspace(least, most, _POINTS), *law)
+    displacement, force = states.displacement, states.force
+    if end.contact_radius == 0 and not is_in:
+        outer = np.linspace(float(end.outer_radius), float(touch.outer_radius), _POINTS)
+        before = maugis.without_contact(outer[:-1], *law)
+        displacement = np.append(before.displacement, displacement)
+        force = np.append(before.force, force)
+    order = np.argsort(displacement)
+    at = indentation - sphere.contact_point
+    is_apart = (at < displacement[order[0]]) & (indentation < pull)
+    return np.where(is_apart, 0.0, np.interp(at, displacement[order], force[order]))
