@@ -39,7 +39,7 @@ _POINTS = 300
 # An attraction is seen if it exceeds the error of a mean so many times.
 _SEEN = 5.0
 # The window ends where the undeformed gap is so many ranges at the deepest position.
-_RANGES = 6.0
+_RANGES = 5.0
 
 
 class _Sphere(NamedTuple):

@@ -148,14 +148,15 @@ class ForceCurve:
         )
 
     def __neg__(self) -> "ForceCurve":
-        """Reverse the sign of the forces."""
+        """Reverse the sign of the forces, of which a correction no longer holds."""
         constant = self.spring_constant
 
         def reverse(segment: Segment) -> Segment:
             tip = None if constant is None else segment.height - segment.force / constant
             return replace(segment, force=-segment.force, tip=tip)
 
-        return replace(self._each(reverse), remarks=(*self.remarks, "forces reversed"))
+        remarks = (*self.remarks, "forces reversed")
+        return replace(self._each(reverse), remarks=remarks, correction=None)
 
     def to_dataset(self) -> "xarray.Dataset":
         """Return a data set of xarray, with a dimension for each segment, and units.

@@ -142,6 +142,7 @@ def test_curves_that_cannot_be_corrected_say_why():
     curve = synthetic.recorded(LAWS["hertz"], 2)
     with pytest.raises(ValueError, match=r"reverse the forces by `-curve`"):
         (-curve).corrected()
+    assert (-curve.corrected()).correction is None
     flat = replace(curve.approach, force=0 * curve.approach.force + 0.05)
     with pytest.raises(ValueError, match="no contact"):
         replace(curve, approach=flat).corrected()
