@@ -7,6 +7,7 @@ two idle cores.
 """
 
 import argparse
+import sys
 import warnings
 from collections.abc import Iterator
 from pathlib import Path
@@ -18,6 +19,9 @@ import numpy as np
 import jaxstab as js
 from jaxstab.references import jkr, johnson
 
+sys.path.append(str(Path(__file__).parents[1] / "tests"))
+from synthetic_curves import recorded
+
 RESOLUTION = 8
 # Works of adhesion of surfaces, over the modulus and the side: with less of it a contact on a grid
 # of 64 x 64 points has one or two points where it is pulled off.
@@ -27,6 +31,15 @@ HEAD = (
     "|---|---|---|---|---|---|---|"
 )
 
+CURVES = (
+    "Fits to the retractions of synthetic force curves, of both directions, with noise, drift, "
+    "tilt and offsets: how often the truth is within two standard errors, and the rms of "
+    "deviations over standard errors."
+)
+CURVES_HEAD = "| parameter | within two errors | rms |\n|---|---|---|"
+# In nm, nN and GPa.
+TRUTH = {"work of adhesion": 0.05, "range": 6.0, "modulus": 0.1}
+
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
@@ -34,13 +47,18 @@ def main() -> None:
     parser.add_argument(
         "--quick", action="store_true", help="the wave and lines alone, in a minute"
     )
+    parser.add_argument("--curves", type=int, help="fit so many synthetic force curves instead")
     options = parser.parse_args()
     jax.config.update("jax_enable_x64", True)
     warnings.simplefilter("ignore", js.ResolutionWarning)
     # The tail of the exponential law reaches the edge of the window.
     warnings.simplefilter("ignore", js.WindowWarning)
     lines = ["Pull-offs over those of the closed form or of the finer grid.", "", HEAD]
-    for line in rows(options.quick):
+    table = rows(options.quick)
+    if options.curves:
+        lines = [CURVES, "", CURVES_HEAD]
+        table = curves(options.curves)
+    for line in table:
         lines.append(line)
         print(line, flush=True)
     if options.out:
@@ -114,6 +132,45 @@ def row(name: str, points: str, contact: js.Contact, expected: float, to: float)
         f"| {name} | {points} | {first:.4f} | {value:.4f} | {abs(error):.4f} "
         f"| {float(found.power):.2f} | {off:.4f} |"
     )
+
+
+def tip(work: float, length: float, modulus: float) -> js.Contact:
+    grid = js.Grid(8, (48.0, 48.0))
+    law = js.potentials.Exponential(work, length)
+    heights = js.surfaces.paraboloid(grid, 20.0)
+    solid = js.FreeHalfSpace(grid, modulus)
+    return js.Contact(solid, heights, law, unit="nm", pressure_unit="GPa")
+
+
+def curves(count: int) -> Iterator[str]:
+    """Yield for each parameter how many fits have the truth within two errors, and the rms."""
+    indentation = np.linspace(8.0, -46.0, 181)
+    loads = js.FarDisplacement(-indentation)
+    states = js.sweep(tip(*TRUTH.values()), loads, order="continuation", stability=False)
+    law = indentation[::-1], np.asarray(states.equilibrium.force)[::-1]
+    # A failed fit has no deviation.
+    deviations = np.full((count, len(TRUTH)), np.nan)
+    for seed in range(count):
+        random = np.random.default_rng(1000 + seed)
+        curve = recorded(
+            law,
+            seed,
+            noise=0.2,
+            constant=1.0,
+            reach=60.0,
+            speed=50.0,
+            contact=3 * random.normal(),
+            drift=0.1 * random.normal(),
+            tilt=2e-3 * random.normal(),
+            offsets=tuple(0.5 * random.normal(size=2)),
+        )
+        fit = js.calibrate(tip(0.06, 5.0, 0.12), js.FarDisplacement, curve, throw=False)
+        if fit.result == js.RESULTS.successful:
+            found, errors = (jax.tree.leaves(x) for x in (fit.parameters, fit.standard_errors))
+            deviations[seed] = (np.array(found) - [*TRUTH.values()]) / np.array(errors)
+    for name, one in zip(TRUTH, deviations.T, strict=True):
+        within = np.sum(np.abs(one) < 2)
+        yield f"| {name} | {within} of {count} | {np.sqrt(np.nanmean(one**2)):.2f} |"
 
 
 if __name__ == "__main__":

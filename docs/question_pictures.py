@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Callable
+from contextlib import chdir
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +15,9 @@ import jaxstab as js
 from jaxstab.plots.style import BLACK, BLUE, GREEN, ORANGE, VERMILION
 
 PAGES = Path(__file__).parent / "questions"
+FILES = Path(__file__).parents[1] / "tests" / "force_curves"
+# Of a force curve most is far from the contact [µm].
+FARTHEST = 0.5
 Names = dict[str, Any]
 
 
@@ -22,7 +26,9 @@ def recipe(page: str) -> Names:
     block = re.search(r"^```python\n(.*?)^```", (PAGES / f"{page}.md").read_text(), re.M | re.S)
     assert block, page
     names: Names = {}
-    exec(compile(block[1], f"<{page}>", "exec"), names)
+    # A recipe may read the file that its page offers.
+    with chdir(FILES):
+        exec(compile(block[1], f"<{page}>", "exec"), names)
     return names
 
 
@@ -35,6 +41,22 @@ def drawn(page: str) -> Figure:
     figure, panels = plt.subplots(1, number, figsize=size, layout="constrained")
     DRAWINGS[page](names, panels)
     return figure
+
+
+def modulus(names: Names, axes: Axes) -> None:
+    """Draw the forces of both directions, and the fitted curve."""
+    curve, fit = names["curve"], names["fit"]
+    for part, colour in ((curve.approach, BLUE), (curve.retraction, VERMILION)):
+        near = part.tip_position < FARTHEST
+        axes.plot(part.tip_position[near], part.force[near], ".", color=colour, markersize=2)
+    near = fit.load.value < FARTHEST
+    label = "fit of the retraction"
+    axes.plot(fit.load.value[near], fit.force[near], color=BLACK, label=label)
+    axes.plot([], [], ".", color=BLUE, label="approach")
+    axes.plot([], [], ".", color=VERMILION, label="retraction")
+    axes.axhline(0, color="0.7", linewidth=1, zorder=0)
+    axes.set(xlabel="tip position [µm]", ylabel="force [nN]", xlim=(None, FARTHEST))
+    axes.legend()
 
 
 def sticky(names: Names, panels: list[Axes]) -> None:
@@ -158,6 +180,7 @@ def particles(names: Names, axes: Axes) -> None:
 
 
 DRAWINGS: dict[str, Callable[[Names, Any], None]] = {
+    "modulus": modulus,
     "sticky": sticky,
     "seal": seal,
     "wafers": wafers,

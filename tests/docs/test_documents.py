@@ -2,6 +2,7 @@
 
 import linecache
 import re
+import shutil
 from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
 
@@ -22,6 +23,7 @@ SLOW = (
     "humidity",
     "loop",
     "model",
+    "modulus",
     "paper",
     "particles",
     "pillars",
@@ -66,6 +68,8 @@ def test_the_readmes_examples_run_and_reach_a_verdict(capsys, tmp_path, monkeypa
 @pytest.mark.parametrize("path", PAGES)
 def test_a_pages_blocks_run_in_order_and_print_what_it_shows(path, capsys, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
+    # The file that a page offers.
+    shutil.copy(ROOT / "tests" / "force_curves" / "spot3-0192.jpk-force", tmp_path)
     namespace = {}
     for number, (code, *tolerances, shown) in enumerate(BLOCK.findall(path.read_text())):
         # With a source to be found, as that of a notebook's cell is.
