@@ -34,9 +34,12 @@ HEAD = (
 CURVES = (
     "Fits to the retractions of synthetic force curves, of both directions, with noise, drift, "
     "tilt and offsets: how often the truth is within two standard errors, and the rms of "
-    "deviations over standard errors."
+    "deviations over standard errors. Where the grids differ, the errors include the grid's, by a "
+    "fit on half as fine a one."
 )
-CURVES_HEAD = "| parameter | within two errors | rms |\n|---|---|---|"
+CURVES_HEAD = (
+    "| curve computed on | fitted on | parameter | within two errors | rms |\n|---|---|---|---|---|"
+)
 # In nm, nN and GPa.
 TRUTH = {"work of adhesion": 0.05, "range": 6.0, "modulus": 0.1}
 
@@ -134,8 +137,8 @@ def row(name: str, points: str, contact: js.Contact, expected: float, to: float)
     )
 
 
-def tip(work: float, length: float, modulus: float) -> js.Contact:
-    grid = js.Grid(8, (48.0, 48.0))
+def tip(points: int, work: float, length: float, modulus: float) -> js.Contact:
+    grid = js.Grid(points, (48.0, 48.0))
     law = js.potentials.Exponential(work, length)
     heights = js.surfaces.paraboloid(grid, 20.0)
     solid = js.FreeHalfSpace(grid, modulus)
@@ -144,9 +147,16 @@ def tip(work: float, length: float, modulus: float) -> js.Contact:
 
 def curves(count: int) -> Iterator[str]:
     """Yield for each parameter how many fits have the truth within two errors, and the rms."""
+    yield from fits(8, 8, count)
+    yield from fits(24, 12, count)
+
+
+def fits(computed: int, points: int, count: int) -> Iterator[str]:
+    """Yield rows; a fit on another grid than the curve's has the error of half as fine a grid."""
     indentation = np.linspace(8.0, -46.0, 181)
     loads = js.FarDisplacement(-indentation)
-    states = js.sweep(tip(*TRUTH.values()), loads, order="continuation", stability=False)
+    truth = tip(computed, *TRUTH.values())
+    states = js.sweep(truth, loads, order="continuation", stability=False)
     law = indentation[::-1], np.asarray(states.equilibrium.force)[::-1]
     # A failed fit has no deviation.
     deviations = np.full((count, len(TRUTH)), np.nan)
@@ -164,13 +174,20 @@ def curves(count: int) -> Iterator[str]:
             tilt=2e-3 * random.normal(),
             offsets=tuple(0.5 * random.normal(size=2)),
         )
-        fit = js.calibrate(tip(0.06, 5.0, 0.12), js.FarDisplacement, curve, throw=False)
+        fit = fit_on(points, curve)
+        if points < computed:
+            fit = fit.with_error_of_grid(fit_on(points // 2, curve))
         if fit.result == js.RESULTS.successful:
             found, errors = (jax.tree.leaves(x) for x in (fit.parameters, fit.standard_errors))
             deviations[seed] = (np.array(found) - [*TRUTH.values()]) / np.array(errors)
     for name, one in zip(TRUTH, deviations.T, strict=True):
         within = np.sum(np.abs(one) < 2)
-        yield f"| {name} | {within} of {count} | {np.sqrt(np.nanmean(one**2)):.2f} |"
+        rms = np.sqrt(np.nanmean(one**2))
+        yield f"| {computed}² | {points}² | {name} | {within} of {count} | {rms:.2f} |"
+
+
+def fit_on(points: int, curve: js.force_curves.ForceCurve) -> js.Calibration:
+    return js.calibrate(tip(points, 0.06, 5.0, 0.12), js.FarDisplacement, curve, throw=False)
 
 
 if __name__ == "__main__":

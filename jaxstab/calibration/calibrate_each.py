@@ -9,7 +9,7 @@ import numpy as np
 
 from jaxstab.calibration.advice import FitWarning
 from jaxstab.calibration.calibrate import calibrate
-from jaxstab.calibration.result import Calibration, numbers_of
+from jaxstab.calibration.result import Calibration, numbers_of, units_of
 from jaxstab.contact import Contact
 from jaxstab.core.checks import require_kind, require_one_of
 from jaxstab.core.display import number, several, table
@@ -90,8 +90,12 @@ class Calibrations:
         return np.array(values) if self.curves.shape is None else self.curves.on_map(values)
 
     def __repr__(self) -> str:
-        count = sum(fit is not None for fit in self.fits)
-        columns = [(self.values(name), self.errors(name)) for name in self.names]
+        there = [fit for fit in self.fits if fit is not None]
+        units = units_of(there[0])
+        columns = [
+            (self.values(name) / divisor, self.errors(name) / divisor)
+            for name, (divisor, _) in zip(self.names, units, strict=True)
+        ]
         rows = {
             "parameter": self.names,
             "median": [number(np.nanmedian(values)) for values, _ in columns],
@@ -100,6 +104,7 @@ class Calibrations:
                 for values, _ in columns
             ],
             "median error": [f"{np.nanmedian(errors):.2g}" for _, errors in columns],
+            "unit": [unit for _, unit in units],
         }
         missing = [
             f"{source}: {reason}"
@@ -108,7 +113,7 @@ class Calibrations:
             )
             if fit is None
         ]
-        head = f"{type(self).__name__}: {count} of {several(len(self.fits), 'curve')} fitted"
+        head = f"{type(self).__name__}: {len(there)} of {several(len(self.fits), 'curve')} fitted"
         return "\n".join([head, table(rows), *missing])
 
 

@@ -8,7 +8,7 @@ import numpy as np
 from jaxstab.calibration.advice import FitWarning
 from jaxstab.calibration.measured_curve import Parts, columns_of
 from jaxstab.contact import Contact
-from jaxstab.contact.resolution import resolved_range
+from jaxstab.contact.resolution import FOR_STATES, resolved_range
 from jaxstab.core.checks import (
     integer,
     positive_scalar,
@@ -40,6 +40,8 @@ _POINTS = 300
 _SEEN = 5.0
 # The window ends where the undeformed gap is so many ranges at the deepest position.
 _RANGES = 5.0
+# The resolution of a range that replaces a shorter one: a little more than states need.
+_RESOLUTION = 1.01 * FOR_STATES
 
 
 class _Sphere(NamedTuple):
@@ -70,9 +72,10 @@ def first_guess(
 ) -> Contact:
     """Return a contact of a tip to start `calibrate` from: a paraboloid on an elastic half space.
 
-    Modulus, work of adhesion and range are those of Maugis' closed form (J. Colloid Interface Sci.
-    150, 243, 1992), fitted to the curve. The window holds the contact and the attraction around it.
-    A range that its grid does not resolve is replaced by the shortest that it does.
+    Modulus, work of adhesion, range and contact point are those of Maugis' closed form (J. Colloid
+    Interface Sci. 150, 243, 1992), fitted to the curve. The window holds the contact and the
+    attraction around it. A range that its grid does not resolve is replaced by the shortest that it
+    does.
 
     Radius and Poisson's ratio are in no file, and no curve tells them: a force curve of a larger
     radius is that of a smaller modulus and work of adhesion.
@@ -93,7 +96,8 @@ def first_guess(
             segment, and for one that shows no contact or no attraction.
 
     Warns:
-        FitWarning: if the grid does not resolve the range.
+        FitWarning: if the grid does not resolve the range, or the tip indents by more than its
+            radius.
     """
     require_kind(curve, ForceCurve, "no force curve: give one of jaxstab.force_curves.read.")
     require_one_of("the unit of pressure", pressure_unit, PRESSURES)
@@ -108,13 +112,21 @@ def first_guess(
     measured = -tip[is_there], forces[is_there], np.sqrt(weights[is_there])
     sphere = _fitted(*measured, radius * length, part)
     depth = max(float(np.max(measured[0])) - sphere.contact_point, 0.0)
+    if depth > radius * length:
+        warn(
+            f"the indentation, {depth / length:.3g} {shown_unit(curve.unit)}, exceeds the radius: "
+            "the tip is no paraboloid there. Give the radius in the curve's unit of length, or fit "
+            "a contact with the tip's own shape, as `jaxstab.surfaces.tip`.",
+            FitWarning,
+        )
     # An adhesive contact is wider than Hertz' by up to some a0, where d0 = a0^2 / R.
     adhesive = jkr.units(radius * length, sphere.contact_modulus, sphere.work).displacement
     reach = depth + _RANGES * sphere.range + 2 * float(adhesive)
     half = np.sqrt(2 * radius * length * reach)
     grid = Grid(points, (2 * half / length,) * 2)
     solid = FreeHalfSpace(grid, sphere.contact_modulus * (1 - poisson**2) / pressure, poisson)
-    heights = paraboloid(grid, radius)
+    # The summit is where the tip touches, so that the zero of a fit starts near its end.
+    heights = np.asarray(paraboloid(grid, radius)) - sphere.contact_point / length
     work = sphere.work / (length * pressure)
 
     def contact(size: float) -> Contact:
@@ -123,24 +135,24 @@ def first_guess(
         )
 
     found = contact(sphere.range / length)
-    if found.resolution >= 1:
+    if found.resolution >= FOR_STATES:
         return found
-    longest = float(resolved_range(found, 1.0))
+    resolved = float(resolved_range(found, _RESOLUTION))
     states = [
         regime(radius * length, sphere.contact_modulus, sphere.work, size)
-        for size in (sphere.range, longest * length)
+        for size in (sphere.range, resolved * length)
     ]
     off = abs(float(states[1].pull_off / states[0].pull_off) - 1)
     unit = shown_unit(curve.unit)
     warn(
         f"the curve shows a range of about {sphere.range / length:.3g} {unit}, and a grid of "
-        f"{points} points a side resolves {longest:.3g} {unit}, which the contact has. By the "
+        f"{points} points a side resolves {resolved:.3g} {unit}, which the contact has. By the "
         f"closed form its pull-off is {off:.1%} off. Hold the range in the fit, by `where=lambda "
         "contact: (contact.potential.surface_energy, contact.solid.youngs_modulus)`, or give more "
         "points.",
         FitWarning,
     )
-    return contact(longest)
+    return contact(resolved)
 
 
 def _fitted(

@@ -216,10 +216,13 @@ def numbers_of(fit: Calibration) -> tuple[np.ndarray, np.ndarray]:
     return values, np.sqrt(np.diag(fit.covariance))
 
 
+def units_of(fit: Calibration) -> list[tuple[float, str]]:
+    """Return for each fitted number the divisor that brings it into a unit, and this unit."""
+    chosen = [chosen_unit(fit.contact.units, dimension) for dimension in fit.dimensions]
+    return [(divisor, shown_unit(unit)) for divisor, unit in chosen]
+
+
 def _found(fit: Calibration) -> list[tuple[str, float, float, str]]:
     """Return for each fitted number its name, its value, the divisor of the value, and its unit."""
-    found = []
-    for name, value, dimension in zip(fit.names, numbers_of(fit)[0], fit.dimensions, strict=True):
-        divisor, unit = chosen_unit(fit.contact.units, dimension)
-        found.append((name, float(value) / divisor, divisor, shown_unit(unit)))
-    return found
+    columns = zip(fit.names, numbers_of(fit)[0], units_of(fit), strict=True)
+    return [(name, float(value) / by, by, unit) for name, value, (by, unit) in columns]
