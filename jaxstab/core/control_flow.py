@@ -20,6 +20,7 @@ from jax.extend.backend import backends
 from jaxtyping import Array, Int, PyTree
 
 from jaxstab.core.checks import is_traced, is_transformed
+from jaxstab.core.stack import stacked
 from jaxstab.core.types import ArrayLike, Flag
 
 Out = TypeVar("Out")
@@ -135,6 +136,14 @@ def first_good(
 
     start = jnp.array(0), zeros_of(compute, choices[0])
     return jax.lax.while_loop(goes_on, try_next, start)[1]
+
+
+def each(function: Callable[[Tree], Out], entries: Sequence[Tree]) -> Out:
+    """Return the results for several entries, computed one after another, along a leading axis."""
+    if is_transformed(entries):
+        return jax.lax.map(function, jax.tree.map(lambda *leaves: jnp.stack(leaves), *entries))
+    found = [function(entry) for entry in entries]
+    return stacked(found, found[0])
 
 
 def zeros_of(function: Callable[..., Out], *args: PyTree) -> Out:
