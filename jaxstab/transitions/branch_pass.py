@@ -33,8 +33,6 @@ from jaxstab.transitions.string import Landscape
 
 # After so many steps a branch is followed no more.
 MAX_STEPS = 20_000
-# The longest step over that of a branch whose states are recorded: each step is checked anyway.
-_LONGER = 8.0
 # Sides of saddles: detached surfaces, the start, and one that is not known; minima follow them.
 _DETACHED = 0
 _START = 1
@@ -149,11 +147,9 @@ def _with_shorter_step(problem: ContinuationProblem, branch: BranchState) -> Bra
 def _coming_back(
     problem: ContinuationProblem, branch: BranchState
 ) -> tuple[ContinuationProblem, BranchState]:
-    """Return the problem of a branch that is to come back to its first load, with longer steps."""
+    """Return the problem of a branch that is to come back to its first load."""
     end = KINDS.where(branch.end == KINDS.load, KINDS.states, branch.end)
-    longest = _LONGER * problem.max_step
-    back = replace(problem, first=problem.last, last=problem.first, max_step=longest)
-    return back, replace(branch, end=end)
+    return replace(problem, first=problem.last, last=problem.first), replace(branch, end=end)
 
 
 @program
@@ -163,8 +159,7 @@ def _leaving(
     """Return the problem of a branch that goes on from its last load."""
     ahead = jnp.sign(problem.curve.rate(branch.step.here.tangent))
     last = problem.last + ahead * jnp.abs(problem.last - problem.first)
-    away = replace(problem, first=problem.last, last=last, max_step=problem.max_step / _LONGER)
-    return away, replace(branch, end=KINDS.states)
+    return replace(problem, first=problem.last, last=last), replace(branch, end=KINDS.states)
 
 
 class _Ways:
