@@ -203,7 +203,9 @@ def detachment(
 
     The state is the one to which the contact comes by its load alone, through its jumps. Thermal
     motion may lead over lower passes to other states before (`easiest_exit`): then this is
-    not the life until detachment. The function runs neither under `jax.jit` nor under `jax.vmap`.
+    not the life until detachment. Nor is it shortly below a jump on the path, where the barrier of
+    the state vanishes: the state behind the jump, given by `initial` and followed from a smaller
+    tension, may hold longer. The function runs neither under `jax.jit` nor under `jax.vmap`.
 
     Arguments:
         contact: the contact problem.
