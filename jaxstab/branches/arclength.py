@@ -54,6 +54,8 @@ _LEAST_COSINE = 0.95
 _STRAIGHT = 0.99
 _GROWTH = 1.5
 _CUT = 0.4
+# Where the corrector has found no point, the curve bends on a much smaller scale.
+_CUT_IF_LOST = 0.1
 _TO_TURN = 0.9
 # How far from its prediction a state may be, over the step: on a smooth piece, and over several.
 _FARTHEST = 0.1
@@ -335,7 +337,8 @@ def _judged(
     smooth, share = stays_positive(curve, cubics, changes, target.is_change, after, forces.scale)
     # Where gaps or reactions alone are at fault, up to where they are positive.
     is_over = found.is_found & is_near & is_straight & ~target.follows & (share < 1)
-    share = jnp.where(is_over, jnp.maximum(0.9 * share, 0.1), _CUT)
+    cut = jnp.where(found.is_found, _CUT, _CUT_IF_LOST)
+    share = jnp.where(is_over, jnp.maximum(0.9 * share, 0.1), cut)
     is_smooth = jnp.where(target.follows, leaps, smooth & turns_as_predicted(curve, cubics))
     is_easy = (found.num_steps <= _EASY) & (cosine > _STRAIGHT)
 
