@@ -152,8 +152,9 @@ def _uncertain_tension(results: Results) -> str:
         unknown = "" if math.isnan(tension.value) else ", with an unknown error"
         return f"{_tension(results.contact, results.pull_offs[0])}{unknown}"
     divisor, unit = readable_unit(results.contact.units, "pressure", tension.value)
-    value = f"{tension.value / divisor:.3g} ± {tension.error / divisor:.1g} {shown_unit(unit)}"
-    return value if tension.extrapolation is None else f"{value}, extrapolated to the range"
+    # To one digit, without an exponent.
+    error = float(f"{tension.error / divisor:.1g}")
+    return f"{tension.value / divisor:.3g} ± {error:g} {shown_unit(unit)}"
 
 
 def _extrapolation(results: Results) -> Iterator[str]:
@@ -172,9 +173,9 @@ def _extrapolation(results: Results) -> Iterator[str]:
     elif tension.extrapolation is not None:
         found = tension.extrapolation
         yield page.paragraph(
-            f"The pull-off at the range rho, {_uncertain_tension(results)}, is extrapolated from "
-            "longer ranges, which the grid resolves better. Its error is that of the extrapolation "
-            "and of the grid."
+            f"The value with its error, {_uncertain_tension(results)}, is extrapolated to the "
+            "range rho from longer ranges, which the grid resolves better. Its error is that of the "
+            "extrapolation and of the grid."
         )
         columns = found.ranges.tolist(), found.resolutions.tolist(), found.values.tolist()
         units = contact.units
