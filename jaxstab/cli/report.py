@@ -174,8 +174,8 @@ def _extrapolation(results: Results) -> Iterator[str]:
         found = tension.extrapolation
         yield page.paragraph(
             f"The value with its error, {_uncertain_tension(results)}, is extrapolated to the "
-            "range rho from longer ranges, which the grid resolves better. Its error is that of the "
-            "extrapolation and of the grid."
+            "range rho from longer ranges, which the grid resolves better. Its error is that of "
+            "the extrapolation and of the grid."
         )
         columns = found.ranges.tolist(), found.resolutions.tolist(), found.values.tolist()
         units = contact.units
