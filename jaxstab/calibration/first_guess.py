@@ -23,7 +23,7 @@ from jaxstab.core.types import ArrayLike
 from jaxstab.core.units import LENGTHS, PRESSURES, shown_unit
 from jaxstab.core.warn import warn
 from jaxstab.force_curves import ForceCurve
-from jaxstab.potentials import Exponential, Potential
+from jaxstab.potentials import Exponential, NoAdhesion, Potential
 from jaxstab.references import jkr, maugis, regime
 from jaxstab.solids import FreeHalfSpace
 from jaxstab.surfaces import paraboloid
@@ -38,6 +38,8 @@ _ROUGHLY = 1e-4
 _POINTS = 300
 # An attraction is seen if it exceeds the error of a mean so many times.
 _SEEN = 5.0
+# Of a curve without attraction the contact begins near this part of its largest force.
+_BEGIN = 0.1
 # The window ends where the undeformed gap is so many ranges at the deepest position.
 _RANGES = 5.0
 # The resolution of a range that replaces a shorter one: a little more than states need.
@@ -75,7 +77,7 @@ def first_guess(
     Modulus, work of adhesion, range and contact point are those of Maugis' closed form (J. Colloid
     Interface Sci. 150, 243, 1992), fitted to the curve. The window holds the contact and the
     attraction around it. A range that its grid does not resolve is replaced by the shortest that it
-    does.
+    does. A curve that shows no attraction gives a contact without adhesion.
 
     Radius and Poisson's ratio are in no file, and no curve tells them: a force curve of a larger
     radius is that of a smaller modulus and work of adhesion.
@@ -92,12 +94,12 @@ def first_guess(
 
     Raises:
         TypeError: for something that is not a force curve.
-        ValueError: if the radius is not positive, for a curve without a spring constant or the
-            segment, and for one that shows no contact or no attraction.
+        ValueError: if the radius is not positive, and for a curve without a spring constant, the
+            segment or a contact.
 
     Warns:
-        FitWarning: if the grid does not resolve the range, or the tip indents by more than its
-            radius.
+        FitWarning: if the curve shows no attraction, if the grid does not resolve the range, and if
+            the tip indents by more than its radius.
     """
     require_kind(curve, ForceCurve, "no force curve: give one of jaxstab.force_curves.read.")
     require_one_of("the unit of pressure", pressure_unit, PRESSURES)
@@ -119,20 +121,28 @@ def first_guess(
             "a contact with the tip's own shape, as `jaxstab.surfaces.tip`.",
             FitWarning,
         )
-    # An adhesive contact is wider than Hertz' by up to some a0, where d0 = a0^2 / R.
-    adhesive = jkr.units(radius * length, sphere.contact_modulus, sphere.work).displacement
-    reach = depth + _RANGES * sphere.range + 2 * float(adhesive)
+    reach = depth + _RANGES * sphere.range
+    if sphere.work > 0:
+        # An adhesive contact is wider than Hertz' by up to some a0, where d0 = a0^2 / R.
+        adhesive = jkr.units(radius * length, sphere.contact_modulus, sphere.work).displacement
+        reach += 2 * float(adhesive)
     half = np.sqrt(2 * radius * length * reach)
     grid = Grid(points, (2 * half / length,) * 2)
     solid = FreeHalfSpace(grid, sphere.contact_modulus * (1 - poisson**2) / pressure, poisson)
     # The summit is where the tip touches, so that the zero of a fit starts near its end.
     heights = np.asarray(paraboloid(grid, radius)) - sphere.contact_point / length
+    units = {"unit": curve.unit, "pressure_unit": pressure_unit}
+    if sphere.work == 0:
+        warn(
+            f"the {part} shows no attraction, so that no work of adhesion follows: the contact has "
+            "none, and its modulus is left to fit.",
+            FitWarning,
+        )
+        return Contact(solid, heights, NoAdhesion(), **units)
     work = sphere.work / (length * pressure)
 
     def contact(size: float) -> Contact:
-        return Contact(
-            solid, heights, law(work, size), unit=curve.unit, pressure_unit=pressure_unit
-        )
+        return Contact(solid, heights, law(work, size), **units)
 
     found = contact(sphere.range / length)
     if found.resolution >= FOR_STATES:
@@ -158,20 +168,16 @@ def first_guess(
 def _fitted(
     indentation: np.ndarray, force: np.ndarray, roots: np.ndarray, radius: float, part: str
 ) -> _Sphere:
-    """Return the sphere of Maugis whose curve is nearest to means of forces over indentations."""
+    """Return the sphere of Maugis whose curve is nearest to means of forces over indentations.
+
+    If no mean is below the noise, it is that of Hertz.
+    """
     from scipy.optimize import least_squares
 
     deepest = float(np.max(force))
     attraction = -float(np.min(force))
-    noise = 1 / float(roots[np.argmin(force)])
-    if attraction < _SEEN * noise:
-        other = ", or take the retraction" if part == "approach" else ""
-        raise ValueError(
-            f"The {part} shows no attraction: its least force is {-attraction:.3g} N, with a noise "
-            f"of {noise:.2g} N, so that no work of adhesion follows. Fit the modulus alone, with "
-            "`jaxstab.potentials.NoAdhesion()` and `where=lambda contact: "
-            f"contact.solid.youngs_modulus`{other}."
-        )
+    if attraction < _SEEN / float(roots[np.argmin(force)]):
+        return _without_attraction(indentation, force, roots, radius)
     top = float(np.max(indentation))
     pull = float(indentation[np.argmin(force)])
     depth = max(top - pull, 1e-3 * np.ptp(indentation))
@@ -195,6 +201,26 @@ def _fitted(
         )
         fits.append(fit)
     return _Sphere.of(min(fits, key=lambda fit: fit.cost).x)
+
+
+def _without_attraction(
+    indentation: np.ndarray, force: np.ndarray, roots: np.ndarray, radius: float
+) -> _Sphere:
+    """Return the sphere of Hertz that is nearest to means of forces over indentations."""
+    from scipy.optimize import least_squares
+
+    deepest = np.max(force)
+    begin = np.max(indentation[force < _BEGIN * deepest])
+    unit = np.max(indentation) - begin
+    modulus = 0.75 * deepest / np.sqrt(radius * unit**3)
+
+    def misfit(values: np.ndarray) -> np.ndarray:
+        depth = np.maximum(indentation - begin - unit * values[1], 0)
+        computed = 4 / 3 * modulus * np.exp(values[0]) * np.sqrt(radius * depth**3)
+        return roots * (computed - force)
+
+    rise, shift = least_squares(misfit, [0.0, 0.0]).x
+    return _Sphere(float(modulus * np.exp(rise)), 0.0, 0.0, float(begin + unit * shift))
 
 
 def _force(

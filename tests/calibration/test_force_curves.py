@@ -213,9 +213,15 @@ def test_a_first_guess_says_what_it_lacks():
     with pytest.warns(js.FitWarning, match="indentation, .* nm, exceeds the radius"):
         js.first_guess(jkr, 1e-3 * synthetic.RADIUS, 0.5, points=8)
     hertz = synthetic.recorded(synthetic.hertz(), 0)
+    for part in ("approach", "retraction"):
+        with pytest.warns(js.FitWarning, match=f"the {part} shows no attraction"):
+            hard = js.first_guess(hertz, synthetic.RADIUS, 0.5, segment=part, points=8)
+        assert isinstance(hard.potential, js.potentials.NoAdhesion)
+        modulus = 1e-3 * hard.solid.contact_modulus
+        assert abs(modulus / synthetic.MODULUS - 1) < 0.03
+        assert abs(hard.datum - 3 + hertz.corrected().correction.contact_point) < 0.1
     without = {name: replace(x, tip=None) for name, x in jkr.segments.items()}
     cases = [
-        (ValueError, "retraction shows no attraction: its least force", hertz, 20.0),
         (ValueError, "spring constant", replace(jkr, **without, spring_constant=None), 20.0),
         (ValueError, "has no retraction, but approach", replace(jkr, retraction=None), 20.0),
         (ValueError, "The radius is 0", jkr, 0.0),
