@@ -78,7 +78,8 @@ def follow(
         smallest_jump: the loss from which a jump is located, over the problem's characteristic
             energy: the elastic energy of full contact and the deepest adhesion. By default 2e-7, or
             0.3 % of the earlier losses of the path if that is more: jumps of 1 % of a loop's loss
-            are located.
+            are located. Of those below, some of several times the loss asked for are passed over,
+            where the change of the force in a step balances it; `unlocated_error` includes them.
         disturbance: the size of a random field over the rms height; zero for none. The field is the
             same at every step, and is added to the start of each equilibrium. On a surface flatter
             than the range of the law and the spacing of the grid, the size is relative to the

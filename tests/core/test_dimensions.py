@@ -33,8 +33,10 @@ def parts(kind):
 
 
 def needs_none(kind):
-    # Results have dimensions of their own; flags, counts and members of enumerations have none.
-    is_apart = isinstance(kind, type) and issubclass(kind, Dimensioned | Stackable | NoneType)
+    # Results have dimensions of their own, and a contact is as it was given; flags, counts and
+    # members of enumerations have none.
+    apart = Dimensioned | Stackable | NoneType | js.Contact
+    is_apart = isinstance(kind, type) and issubclass(kind, apart)
     return is_apart or getattr(kind, "dtype", None) in (Int, Bool)
 
 
