@@ -1,6 +1,6 @@
 """Dimensions: every field of a result declares its own."""
 
-from dataclasses import fields
+from dataclasses import fields, is_dataclass
 from types import NoneType
 from typing import Annotated, get_args
 
@@ -13,7 +13,7 @@ from jaxtyping import Array, Bool, Float, Int
 import jaxstab as js
 from jaxstab.core.stack import Stackable
 from jaxstab.core.types import Mask, Scalar
-from jaxstab.core.units import LENGTH, PRESSURE, Dimensioned, dimensions
+from jaxstab.core.units import LENGTH, PRESSURE, Dimensioned, declared, dimensions
 
 
 class Result(Dimensioned):
@@ -37,7 +37,9 @@ def needs_none(kind):
     # members of enumerations have none.
     apart = Dimensioned | Stackable | NoneType | js.Contact
     is_apart = isinstance(kind, type) and issubclass(kind, apart)
-    return is_apart or getattr(kind, "dtype", None) in (Int, Bool)
+    # So has what is neither converted nor cropped, as the memory of an evolution.
+    is_declared = is_dataclass(kind) and set(declared(kind)) == {x.name for x in fields(kind)}
+    return is_apart or is_declared or getattr(kind, "dtype", None) in (Int, Bool)
 
 
 def test_every_field_of_a_result_has_a_dimension():
