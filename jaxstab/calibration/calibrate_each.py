@@ -41,6 +41,17 @@ class Calibrations:
         """The names of the fitted parameters, as those of `Calibration`."""
         return next(fit.names for fit in self.fits if fit is not None)
 
+    @property
+    def failures(self) -> list[str]:
+        """The sources of the curves without a fit, each with its reason."""
+        return [
+            f"{source}: {reason}"
+            for source, fit, reason in zip(
+                self.curves.sources, self.fits, self.reasons, strict=True
+            )
+            if fit is None
+        ]
+
     def values(self, name: str) -> np.ndarray:
         """Return a fitted parameter, NaN where there is no fit: a map if the curves are of one.
 
@@ -106,15 +117,8 @@ class Calibrations:
             "median error": [f"{np.nanmedian(errors):.2g}" for _, errors in columns],
             "unit": [unit for _, unit in units],
         }
-        missing = [
-            f"{source}: {reason}"
-            for source, fit, reason in zip(
-                self.curves.sources, self.fits, self.reasons, strict=True
-            )
-            if fit is None
-        ]
         head = f"{type(self).__name__}: {len(there)} of {several(len(self.fits), 'curve')} fitted"
-        return "\n".join([head, table(rows), *missing])
+        return "\n".join([head, table(rows), *self.failures])
 
 
 def calibrate_each(
@@ -177,13 +181,10 @@ def calibrate_each(
         warn(f"The fits were interrupted: {left} of {len(curves)} curves have none.", FitWarning)
     fits += [None] * left
     reasons += ["The fits were interrupted before this one."] * left
-    failed = [
-        f"{source}: {reason}"
-        for source, fit, reason in zip(curves.sources, fits, reasons, strict=True)
-        if fit is None
-    ]
+    all_fits = Calibrations(curves, tuple(fits), tuple(reasons))
+    failed = all_fits.failures
     if len(failed) == len(curves):
         raise SolverError(f"None of {several(len(curves), 'curve')} can be fitted. {failed[0]}")
     if len(failed) > left:
         warn(all_of("have no fit", failed, len(curves)), FitWarning)
-    return Calibrations(curves, tuple(fits), tuple(reasons))
+    return all_fits

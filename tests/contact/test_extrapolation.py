@@ -65,19 +65,26 @@ def test_johnsons_wave_comes_to_his_pull_off_within_a_percent():
     assert abs(found.value - expected) < found.error < 0.06 * abs(expected)
 
 
-@pytest.mark.parametrize("seed", [1, 2])
-def test_a_rough_line_meets_a_grid_twice_as_fine(seed):
-    contacts = []
-    for number in (128, 256):
-        grid = js.Grid((number,), (1.0,))
-        heights = js.surfaces.self_affine(grid, jax.random.key(seed), k_high=4, rms_height=0.02)
-        law = js.potentials.Gaussian(1e-4, 1.0)
-        contacts.append(js.Contact(js.HalfSpace(grid, 1.0), heights, law))
-    coarse, fine = contacts
+def from_the_coarser_of_two_grids(grids, seed, work):
+    """Return the extrapolation from the coarser grid, and the pull-off on the finer one."""
+    coarse, fine = (
+        js.Contact(
+            js.HalfSpace(grid, 1.0),
+            js.surfaces.self_affine(grid, jax.random.key(seed), k_high=4, rms_height=0.02),
+            js.potentials.Gaussian(work, 1.0),
+        )
+        for grid in grids
+    )
     shortest = js.resolved_range(fine, 8)
     found = js.extrapolate(pull_off, coarse, to=shortest)
-    law = js.potentials.Gaussian(1e-4, shortest)
-    expected = pull_off(js.Contact(fine.solid, fine.heights, law))
+    law = js.potentials.Gaussian(work, shortest)
+    return found, pull_off(js.Contact(fine.solid, fine.heights, law))
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_a_rough_line_meets_a_grid_twice_as_fine(seed):
+    lines = js.Grid((128,), (1.0,)), js.Grid((256,), (1.0,))
+    found, expected = from_the_coarser_of_two_grids(lines, seed, 1e-4)
     assert abs(found.value - expected) < found.error < 0.05 * abs(expected)
     assert abs(found.values[0] - expected) > 2 * found.error
 
@@ -85,17 +92,7 @@ def test_a_rough_line_meets_a_grid_twice_as_fine(seed):
 @pytest.mark.nightly
 @pytest.mark.parametrize("seed", [0, 1, 2])
 def test_a_rough_surface_meets_a_grid_twice_as_fine(seed):
-    contacts = []
-    for number in (64, 128):
-        grid = js.Grid(number)
-        heights = js.surfaces.self_affine(grid, jax.random.key(seed), k_high=4, rms_height=0.02)
-        law = js.potentials.Gaussian(4e-3, 1.0)
-        contacts.append(js.Contact(js.HalfSpace(grid, 1.0), heights, law))
-    coarse, fine = contacts
-    shortest = js.resolved_range(fine, 8)
-    found = js.extrapolate(pull_off, coarse, to=shortest)
-    law = js.potentials.Gaussian(4e-3, shortest)
-    expected = pull_off(js.Contact(fine.solid, fine.heights, law))
+    found, expected = from_the_coarser_of_two_grids((js.Grid(64), js.Grid(128)), seed, 4e-3)
     assert abs(found.value - expected) < found.error < 0.1 * abs(expected)
     assert abs(found.value - expected) < abs(found.values[0] - expected)
 
