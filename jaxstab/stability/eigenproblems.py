@@ -21,7 +21,7 @@ from jaxstab.equilibrium.verify import recognised_by
 from jaxstab.stability.barrier import pressure_scale
 from jaxstab.stability.cones import AdmissibleCone, Subspace
 from jaxstab.stability.eigenpair import Eigenpair, admissible_pair, lowered
-from jaxstab.stability.lowest_pair import with_cost_of
+from jaxstab.stability.lowest_pair import cost_of, with_cost
 from jaxstab.stability.ritz import norms
 
 # Reactions below this part of the pressure count as none, in units of the precision.
@@ -112,7 +112,7 @@ class Found(eqx.Module):
 
     def ordered(self) -> "Found":
         """Return pairs of which none is above one on a smaller cone; NaN if not computed."""
-        critical = _unless(self.is_proved, with_cost_of(self.hull, self.critical))
+        critical = _unless(self.is_proved, with_cost(cost_of(self.hull), self.critical))
         cone = lowered(_unless(self.is_decided, self.cone), critical)
         lower_bound = lowered(lowered(self.lower_bound, cone), critical)
         return replace(self, lower_bound=lower_bound, cone=cone, critical=critical)

@@ -7,9 +7,7 @@ that has found, which is one program on spaces and cones.
 from dataclasses import replace
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Array, Bool, Int, PRNGKeyArray
 
 from jaxstab.contact.hessian import Block, Hessian
@@ -39,8 +37,7 @@ class Lowest(eqx.Module):
 
     def known_before(self) -> "Lowest":
         """Return the same pair at no cost."""
-        # Put, since JAX would compile a zero.
-        none = jax.device_put(np.zeros((), int))
+        none = array(0)
         return replace(self, pair=replace(self.pair, num_steps=none, num_applications=none))
 
     def costing(self, more: Int[Array, ""]) -> "Lowest":
@@ -51,15 +48,21 @@ class Lowest(eqx.Module):
     @property
     def cost(self) -> Cost:
         """Steps, and applications of A."""
-        return self.pair.num_steps, self.pair.num_applications
+        return cost_of(self.pair)
 
 
-def with_cost_of(before: Eigenpair, pair: Eigenpair) -> Eigenpair:
-    """Return a pair at the cost of both."""
+def cost_of(pair: Eigenpair) -> Cost:
+    """Return the steps to a pair, and the applications of A."""
+    return pair.num_steps, pair.num_applications
+
+
+def with_cost(before: Cost, pair: Eigenpair) -> Eigenpair:
+    """Return a pair at its cost and that of what came before."""
+    num_steps, num_applications = before
     return replace(
         pair,
-        num_steps=before.num_steps + pair.num_steps,
-        num_applications=before.num_applications + pair.num_applications,
+        num_steps=num_steps + pair.num_steps,
+        num_applications=num_applications + pair.num_applications,
     )
 
 
@@ -132,9 +135,7 @@ def lowest_of(
     if is_answer is None:
         is_answer = array(True)
     if before is None:
-        # Put, since JAX would compile a zero.
-        none = jax.device_put(np.zeros((), int))
-        before = none, none
+        before = array(0), array(0)
     pair, sign = _pair_of(hessian, cone, found, before, array(is_space), is_answer)
     return Lowest(pair, sign, modes)
 
@@ -154,12 +155,7 @@ def _pair_of(
     pair = measured(restricted, domain, found, found.vector)
     # In any other case a lower minimum may have been missed.
     pair = pair.with_proof(is_answer | cone.is_trivial)
-    num_steps, num_applications = before
-    pair = replace(
-        pair,
-        num_steps=pair.num_steps + num_steps,
-        num_applications=pair.num_applications + num_applications,
-    )
+    pair = with_cost(before, pair)
     return pair, pair.sign
 
 
