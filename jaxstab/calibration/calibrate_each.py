@@ -26,15 +26,28 @@ from jaxstab.loads import Load
 class Calibrations:
     """The fits of several force curves, in their order; None where there is no fit.
 
+    At least one curve has a fit.
+
     Attributes:
         curves: the curves.
         fits: their fits, in the units of their contacts.
         reasons: for each curve why there is no fit, or what its fit warns of; empty if nothing.
+
+    Raises:
+        ValueError: without a curve.
+        SolverError: without a fit, with the reason of the first curve.
     """
 
     curves: ForceCurves
     fits: tuple[Calibration | None, ...]
     reasons: tuple[str, ...]
+
+    def __post_init__(self) -> None:
+        if not self.fits:
+            raise ValueError("There is no force curve: give at least one.")
+        failed = self.failures
+        if len(failed) == len(self.fits):
+            raise SolverError(f"None of {several(len(failed), 'curve')} has a fit. {failed[0]}")
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -78,6 +91,7 @@ class Calibrations:
         Raises:
             TypeError: for something else.
             ValueError: for another number of curves.
+            SolverError: if no curve has a fit on both grids.
         """
         require_kind(other, Calibrations, "no fits of several curves: give those of calibrate.")
         if len(other.fits) != len(self.fits):
@@ -147,6 +161,7 @@ def calibrate_each(
 
     Raises:
         TypeError: for something that is not several force curves.
+        ValueError: without a curve.
         SolverError: if no curve can be fitted, with the reason of the first.
 
     Warns:
@@ -183,8 +198,6 @@ def calibrate_each(
     reasons += ["The fits were interrupted before this one."] * left
     all_fits = Calibrations(curves, tuple(fits), tuple(reasons))
     failed = all_fits.failures
-    if len(failed) == len(curves):
-        raise SolverError(f"None of {several(len(curves), 'curve')} can be fitted. {failed[0]}")
     if len(failed) > left:
         warn(all_of("have no fit", failed, len(curves)), FitWarning)
     return all_fits

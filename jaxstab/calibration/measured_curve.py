@@ -8,7 +8,7 @@ from jaxstab.contact import Contact
 from jaxstab.core.checks import integer, require, require_one_of
 from jaxstab.core.units import LENGTHS, PRESSURES
 from jaxstab.force_curves import Baseline, ForceCurve, Segment
-from jaxstab.force_curves.correction import clocks_of
+from jaxstab.force_curves.correction import clocks_of, ends_of
 from jaxstab.loads import FarDisplacement, Load, Spring
 
 Parts = Literal["approach", "retraction", "both"]
@@ -113,11 +113,12 @@ def columns_of(
     """
     require_one_of("segment", parts, _PARTS)
     require("points", integer("points", points), points >= 4, "give at least 4.")
+    ends = ends_of(curve.segments)
     for name in _PARTS[parts]:
-        if name not in curve.segments:
+        if name not in ends:
+            (other,) = ends
             raise ValueError(
-                f"The curve has no {name}, but {', '.join(curve.segments)}: fit that, as "
-                f'`segment="{next(iter(curve.segments))}"`.'
+                f'The curve has no {name}, but {other}: fit that, as `segment="{other}"`.'
             )
     constant = curve.in_units("m", "N").spring_constant
     if constant is None:

@@ -166,7 +166,7 @@ def correct(
         constant: the spring constant, if it is known.
         is_tilted: whether the baseline has a slope.
     """
-    ends = [name for name in ("approach", "retraction") if name in segments]
+    ends = ends_of(segments)
     main = _line(ends[0], segments[ends[0]], is_tilted)
     lines = {ends[0]: main}
     remarks = []
@@ -219,6 +219,21 @@ def correct(
         has_times=all(segment.time is not None for segment in segments.values()),
     )
     return flat, correction, tuple(remarks)
+
+
+def ends_of(segments: Mapping[str, Segment]) -> list[str]:
+    """Return which of approach and retraction are there.
+
+    Raises:
+        ValueError: if neither is.
+    """
+    ends = [name for name in ("approach", "retraction") if name in segments]
+    if not ends:
+        raise ValueError(
+            "The curve has neither an approach nor a retraction: the tip does not move in it, or "
+            "both were left out."
+        )
+    return ends
 
 
 def _removed(lines: Mapping[str, "_Line"], height: float) -> Correction:

@@ -111,8 +111,8 @@ class ForceCurves(Sequence[ForceCurve]):
         """
         if len(values) != len(self):
             raise ValueError(f"There are {len(values)} values for {len(self)} curves.")
-        numbers = self.numbers
-        return np.where(numbers < 0, np.nan, np.asarray(values, float)[numbers])
+        # The number of a hole, -1, is that of the last.
+        return np.append(np.asarray(values, float), np.nan)[self.numbers]
 
     def to_dataset(self) -> "xarray.Dataset":
         """Return a data set of xarray: as `ForceCurve.to_dataset`, with the dimension `curve`.
@@ -121,8 +121,10 @@ class ForceCurves(Sequence[ForceCurve]):
 
         Raises:
             ImportError: without xarray.
-            ValueError: if the curves differ in units.
+            ValueError: without a curve, and if the curves differ in units.
         """
+        if not self.curves:
+            raise ValueError("There is no force curve: a data set needs at least one.")
         units = {(curve.unit, curve.force_unit) for curve in self.curves}
         if len(units) > 1:
             raise ValueError("The curves differ in units: convert them first, by `in_units`.")

@@ -228,6 +228,8 @@ class ForceCurve:
         yield from (("looks wrong", sentence) for sentence in self.suspicions)
 
     def _described(self, segment: Segment) -> str:
+        if segment.num_missing == len(segment):
+            return f"{len(segment)} points, all of them missing"
         missing = f", {segment.num_missing} missing" if segment.num_missing else ""
         ranges = [
             f"{name} {np.nanmin(values):.4g} to {np.nanmax(values):.4g} {typeset(unit)}"

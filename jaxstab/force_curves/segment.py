@@ -20,6 +20,9 @@ class Segment:
         tip: the position of the tip, None if the spring constant is unknown [length].
         time: [s], None if the file holds none.
         stated_speed: the speed according to the file [length/s].
+
+    Raises:
+        ValueError: without a point.
     """
 
     force: np.ndarray
@@ -27,6 +30,10 @@ class Segment:
     tip: np.ndarray | None = None
     time: np.ndarray | None = None
     stated_speed: float | None = None
+
+    def __post_init__(self) -> None:
+        if len(self.force) == 0:
+            raise ValueError("The segment has no point: leave it out, as in `retraction=None`.")
 
     @property
     def tip_position(self) -> np.ndarray:

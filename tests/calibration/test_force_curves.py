@@ -224,6 +224,12 @@ def test_a_first_guess_says_what_it_lacks():
     cases = [
         (ValueError, "spring constant", replace(jkr, **without, spring_constant=None), 20.0),
         (ValueError, "has no retraction, but approach", replace(jkr, retraction=None), 20.0),
+        (
+            ValueError,
+            "neither an approach nor a r",
+            replace(jkr, approach=None, retraction=None),
+            9,
+        ),
         (ValueError, "The radius is 0", jkr, 0.0),
         (TypeError, "Segment is no force curve", jkr.approach, 20.0),
     ]
@@ -259,17 +265,20 @@ def test_a_map_with_holes_and_bad_curves_gives_maps_with_errors(law):
     raised = fits.with_error_of_grid(replace(fits, fits=(moved, None)))
     expected = np.hypot(error[0, 0], 0.01)
     np.testing.assert_allclose(raised.errors("solid.youngs_modulus")[0, 0], expected)
-    without = fits.with_error_of_grid(replace(fits, fits=(None, moved), reasons=("far away", "")))
-    assert without.fits == (None, None) and without.reasons[0] == "On the other grid: far away"
+    alone = replace(fits, fits=(None, moved), reasons=("far away", ""))
+    with pytest.raises(
+        js.SolverError, match=r"^None of 2 curves has a fit. pixel \(0, 0\): On the o"
+    ):
+        fits.with_error_of_grid(alone)
 
 
 def test_several_curves_without_any_fit_are_refused():
     curve = synthetic.recorded(synthetic.dmt(), 0)
     curves = js.force_curves.ForceCurves((-curve, -curve))
-    with pytest.raises(
-        js.SolverError, match=r"None of 2 curves can be fitted. curve 0: The approach"
-    ):
+    with pytest.raises(js.SolverError, match=r"None of 2 curves has a fit. curve 0: The approach"):
         js.calibrate_each(contact(), js.FarDisplacement, curves)
+    with pytest.raises(ValueError, match="There is no force curve: give at least one"):
+        js.calibrate_each(contact(), js.FarDisplacement, curves[2:])
     with pytest.raises(TypeError, match="ForceCurve is no sequence"):
         js.calibrate_each(contact(), js.FarDisplacement, curve)
     with pytest.raises(TypeError, match="2 force curves: fit them by `calibrate_each`"):

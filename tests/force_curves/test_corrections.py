@@ -182,3 +182,22 @@ def test_a_retraction_that_does_not_detach_is_corrected_by_the_approach():
     curve = replace(curve, retraction=js.force_curves.Segment(**cut)).corrected()
     assert "retraction not detached" in curve.remarks[0]
     assert curve.correction.retraction == curve.correction.approach
+
+
+def test_a_curve_without_points_or_segments_says_so():
+    curve = synthetic.recorded(LAWS["hertz"], 2, points=400)
+    with pytest.raises(ValueError, match="segment has no point: leave it out"):
+        replace(curve.approach, **{name: np.zeros(0) for name in COLUMNS})
+    lost = replace(curve.approach, force=np.full(400, np.nan))
+    assert "400 points, all of them missing" in repr(replace(curve, approach=lost))
+    pause = replace(curve, approach=None, retraction=None, pauses=(curve.approach,))
+    with pytest.raises(ValueError, match="neither an approach nor a retraction"):
+        pause.corrected()
+
+
+def test_no_curves_have_no_data_set_and_make_a_map_of_holes():
+    none = js.force_curves.ForceCurves((), (2, 1))
+    assert len(none.corrected()) == 0 and "2 of 2 pixels missing" in repr(none)
+    np.testing.assert_array_equal(none.on_map([]), np.full((2, 1), np.nan))
+    with pytest.raises(ValueError, match="There is no force curve"):
+        none.to_dataset()
