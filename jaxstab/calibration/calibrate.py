@@ -1,13 +1,13 @@
 """The fit of an interaction law and a modulus to a measured curve of force over distance."""
 
 from dataclasses import replace
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import PyTree
+from jaxtyping import Array, Float, PyTree
 
 from jaxstab.calibration.advice import (
     FitWarning,
@@ -22,6 +22,7 @@ from jaxstab.calibration.least_squares import (
     FitProblem,
     Measured,
     Rows,
+    Values,
     directions,
 )
 from jaxstab.calibration.measured_curve import Parts, means_of
@@ -45,7 +46,7 @@ from jaxstab.core.interrupts import early_ends
 from jaxstab.core.loop import optional_parameter
 from jaxstab.core.progress import progress_bar
 from jaxstab.core.results import RESULTS, throw_failure
-from jaxstab.core.types import ArrayLike, Scalar
+from jaxstab.core.types import ArrayLike, Flag, Scalar
 from jaxstab.core.units import FORCE, NUMBER, PRESSURE, SPRING_CONSTANT, STIFFNESS
 from jaxstab.core.warn import warn
 from jaxstab.force_curves import ForceCurve, ForceCurves
@@ -56,6 +57,9 @@ _LARGEST_LOSS = 0.25
 # A parameter is at its bound if its logarithm is so far from its start, or its error so large.
 _BOUND = np.log(1e3)
 _LARGEST_ERROR = 10.0
+# The places of offset and baseline among the parameters, from the end.
+_OFFSET = -3
+_BASELINE = -2
 # Rounding of a mean, over the norm and the number of measurements.
 _ROUNDING = np.finfo(float).eps
 
@@ -280,7 +284,7 @@ class _Inputs(eqx.Module):
 def _answer(inputs: _Inputs) -> tuple[Calibration, Hints]:
     _, plan = inputs.fits()
     found = jax.lax.fori_loop(0, num_fits(inputs.starts), plan.attempt, plan.begin())
-    return _result(inputs, found)
+    return _finish(inputs, found)
 
 
 def _watched(inputs: _Inputs, progress: bool | None) -> tuple[Calibration, Hints]:
@@ -322,56 +326,40 @@ def _attempt(inputs: _Inputs, number: int, so_far: Search) -> Search:
     return inputs.fits()[1].attempt(number, so_far)
 
 
-def _result(inputs: _Inputs, found: Search) -> tuple[Calibration, Hints]:
-    """Return the fit of a search, and hints at what it lacks."""
+@program
+def _finish(inputs: _Inputs, found: Search) -> tuple[Calibration, Hints]:
+    """Return the fit of a search, and hints at what it lacks.
+
+    1. Take the parameters of the best fit and their errors.
+    2. Refuse a fit that does not describe the measurements, or that they do not determine.
+    3. Look for a cause of what the misfit has left.
+    """
     model, plan = inputs.fits()
     problem = plan.problem
-    held = plan.held
-    is_fitted = ~plan.held
-    measured = problem.measured
-    unravel = model.unravel
     best = found.best.point
-
-    units = jnp.ones(held.size).at[-2:].set(inputs.area)
-    shown = directions(problem, best, held).covariance
-    relative = jnp.sqrt(jnp.diag(shown))
-    errors = found.errors(problem, held, relative * problem.slopes(best.free)) * units
-    factors = jnp.where(relative > 0, errors / relative, 0)
-    places = held.size - len(ZEROS) + np.arange(2)
-    # To shift the loads is to shift their zero the other way.
-    shift = replace(best, misfit=best.jacobian[:, places[0]] * inputs.shifts)
-    moved = directions(problem, shift, held).newton * problem.slopes(best.free) * units
-    errors = jnp.hypot(errors, moved)
-    covariance = factors[:, None] * shown * factors + jnp.outer(moved, moved)
+    is_fitted = ~plan.held
+    # The baseline and its tilt are fitted as mean pressures.
+    units = jnp.ones(is_fitted.size).at[-2:].set(inputs.area)
     parameters = problem.values(best.free) * units
-
-    is_bad = (jnp.abs(best.free) > _BOUND) | ~(relative < _LARGEST_ERROR)
-    constant = replace(measured, has_baseline=True).deviation
-    constant = jnp.sum(constant**2) / jnp.sum(measured.deviation**2) / 2
-    limit = jnp.minimum(_LARGEST_LOSS, constant)
-    is_bad = jnp.any(is_bad & problem.is_log & is_fitted) | (best.loss > limit)
-    is_bad |= ~jnp.all(jnp.isfinite(jnp.where(is_fitted, errors, 0)))
-    result = RESULTS.where(is_bad & jnp.isfinite(best.loss), RESULTS.no_fit, found.result)
-    # A tilt is not advised: what looks like one may be the far end of an attraction.
-    is_zero = np.isin(np.arange(held.size), places)
-    free_of_zeros = directions(problem, best, held & ~is_zero)
-    left = best.misfit - best.jacobian @ free_of_zeros.newton
-    zero_steps = -free_of_zeros.newton[places] * units[places] * held[places]
+    errors = _errors_of(plan, found, inputs.shifts, units)
+    result = RESULTS.where(
+        _is_unfit(plan, best, errors) & jnp.isfinite(best.loss), RESULTS.no_fit, found.result
+    )
     zeros = {name: kind for name, kind in zip(ZEROS, inputs.zeros, strict=True) if kind is not None}
     fit = Calibration(
         contact=model.contact_at(parameters),
-        parameters=unravel(parameters[: -len(ZEROS)]),
-        standard_errors=unravel(errors[: -len(ZEROS)]),
-        offset=parameters[-3],
-        offset_error=errors[-3],
-        baseline=parameters[-2],
-        baseline_error=errors[-2],
+        parameters=model.unravel(parameters[: -len(ZEROS)]),
+        standard_errors=model.unravel(errors.standard[: -len(ZEROS)]),
+        offset=parameters[_OFFSET],
+        offset_error=errors.standard[_OFFSET],
+        baseline=parameters[_BASELINE],
+        baseline_error=errors.standard[_BASELINE],
         tilt=parameters[-1],
-        tilt_error=errors[-1],
-        covariance=covariance[is_fitted][:, is_fitted],
+        tilt_error=errors.standard[-1],
+        covariance=errors.covariance[is_fitted][:, is_fitted],
         mean_pressure=best.mean_pressure,
-        load=measured.load,
-        measured=measured.mean_pressure,
+        load=problem.measured.load,
+        measured=problem.measured.mean_pressure,
         area=inputs.contact.area,
         loss=best.loss,
         residual=found.best.residual,
@@ -384,16 +372,76 @@ def _result(inputs: _Inputs, found: Search) -> tuple[Calibration, Hints]:
         names=(*inputs.where.names, *zeros),
         dimensions=(*inputs.where.dimensions, *zeros.values()),
     )
-    drop = 1 - jnp.sum(left**2) / (2 * best.loss)
-    basis = _basis(best, is_fitted)
-    hints = Hints(
-        guess=found.guess,
-        zeros=zero_steps,
-        drop=drop,
-        relief=_relief(best, basis),
-        drift=_drift(best, basis, measured.roots),
+    return fit, _hints_of(plan, found, units)
+
+
+class _Errors(NamedTuple):
+    """The errors of the parameters, zero for those that are not fitted.
+
+    Attributes:
+        standard: the standard errors.
+        relative: those of the variables, from the slopes of the curve alone.
+        covariance: of the parameters.
+    """
+
+    standard: Values
+    relative: Values
+    covariance: Float[Array, "parameters parameters"]
+
+
+def _errors_of(plan: Plan, found: Search, shifts: Curve, units: Values) -> _Errors:
+    """Return the errors of the parameters.
+
+    They are those of the slopes of the curve, raised to those of the profile, and added to them is
+    what the error does that the loads have in common.
+    """
+    problem = plan.problem
+    best = found.best.point
+    slopes = problem.slopes(best.free)
+    of_slopes = directions(problem, best, plan.held).covariance
+    relative = jnp.sqrt(jnp.diag(of_slopes))
+    of_profile = found.errors(problem, plan.held, relative * slopes) * units
+    factors = jnp.where(relative > 0, of_profile / relative, 0)
+    # To shift the loads is to shift their zero the other way.
+    shifted = replace(best, misfit=best.jacobian[:, _OFFSET] * shifts)
+    in_common = directions(problem, shifted, plan.held).newton * slopes * units
+    return _Errors(
+        standard=jnp.hypot(of_profile, in_common),
+        relative=relative,
+        covariance=factors[:, None] * of_slopes * factors + jnp.outer(in_common, in_common),
     )
-    return fit, hints
+
+
+def _is_unfit(plan: Plan, best: Evaluation, errors: _Errors) -> Flag:
+    """Return whether a fit is none: worse than a constant, or with parameters at their bounds."""
+    problem = plan.problem
+    is_fitted = ~plan.held
+    # What remains of the measurements beside a constant.
+    constant = replace(problem.measured, has_baseline=True).deviation
+    remains = jnp.sum(constant**2) / jnp.sum(problem.measured.deviation**2) / 2
+    is_far = best.loss > jnp.minimum(_LARGEST_LOSS, remains)
+    is_at_bound = (jnp.abs(best.free) > _BOUND) | ~(errors.relative < _LARGEST_ERROR)
+    is_known = jnp.all(jnp.isfinite(jnp.where(is_fitted, errors.standard, 0)))
+    return is_far | jnp.any(is_at_bound & problem.is_log & is_fitted) | ~is_known
+
+
+def _hints_of(plan: Plan, found: Search, units: Values) -> Hints:
+    """Return what a Gauss-Newton step of all variables, offset and baseline too, hints at."""
+    best = found.best.point
+    # A tilt is not advised: what looks like one may be the far end of an attraction.
+    zeros = np.array([_OFFSET, _BASELINE])
+    is_held = plan.held.copy()
+    is_held[zeros] = False
+    step = directions(plan.problem, best, is_held).newton
+    left = best.misfit - best.jacobian @ step
+    basis = _basis(best, ~plan.held)
+    return Hints(
+        guess=found.guess,
+        zeros=-step[zeros] * units[zeros] * plan.held[zeros],
+        drop=1 - jnp.sum(left**2) / (2 * best.loss),
+        relief=_relief(best, basis),
+        drift=_drift(best, basis, plan.problem.measured.roots),
+    )
 
 
 def _basis(best: Evaluation, is_fitted: Any) -> Rows:
@@ -420,6 +468,3 @@ def _drift(best: Evaluation, basis: Rows, roots: Curve) -> Scalar:
     left = best.misfit - basis @ (basis.T @ best.misfit)
     both = jnp.sum(line**2) * jnp.sum(left**2)
     return jnp.sum(line * left) ** 2 / jnp.maximum(both, jnp.finfo(both.dtype).tiny)
-
-
-_finish = program(_result)
