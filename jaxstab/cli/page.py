@@ -32,12 +32,15 @@ th, td { padding: 0.25rem 0.9rem 0.25rem 0; text-align: left; vertical-align: to
 tr + tr > * { border-top: 1px solid #e4e4e4; }
 th { font-weight: 600; }
 thead th { border-bottom: 1px solid #888; }
+thead + tbody td { white-space: nowrap; }
+thead + tbody th { min-width: 5.5rem; }
 .figures { display: grid; gap: 1rem; margin-top: 1rem;
   grid-template-columns: repeat(auto-fill, minmax(min(100%, 22rem), 1fr)); }
 figure { margin: 0; }
 figure img { display: block; width: 100%; height: auto; }
 figcaption { font-size: 0.9rem; color: #444; }
 pre { padding: 0.7rem; background: #f4f4f4; white-space: pre-wrap; }
+pre span { display: inline-block; max-width: 100%; }
 </style>
 </head>
 <body>
@@ -68,20 +71,21 @@ def bullets(texts: Iterable[str]) -> str:
     return "<ul>" + "".join(f"<li>{escape(text)}</li>" for text in texts) + "</ul>"
 
 
-def verbatim(text: str) -> str:
-    """Return a text whose lines stay lines, unless a screen is too narrow."""
-    return f"<pre>{escape(text)}</pre>"
+def command(words: Iterable[str]) -> str:
+    """Return the words of a command, which lines divide between words only."""
+    return "<pre>" + " ".join(f"<span>{escape(word)}</span>" for word in words) + "</pre>"
 
 
 def table(rows: Iterable[Sequence[str]], header: Sequence[str] = ()) -> str:
     """Return a table, whose first column names the rows."""
     head = "".join(f"<th>{escape(text)}</th>" for text in header)
     lines = [f"<thead><tr>{head}</tr></thead>"] if header else []
+    lines.append("<tbody>")
     for name, *cells in rows:
         body = "".join(f"<td>{escape(text)}</td>" for text in cells)
         lines.append(f"<tr><th>{escape(name)}</th>{body}</tr>")
     # A wide table scrolls on a narrow screen rather than widen the page.
-    return '<div class="scroll"><table>' + "\n".join(lines) + "</table></div>"
+    return '<div class="scroll"><table>' + "\n".join(lines) + "</tbody></table></div>"
 
 
 def axes_of_figure() -> Axes:

@@ -109,7 +109,7 @@ def _parts(options: argparse.Namespace, results: Results, notes: list[str]) -> I
     yield page.table(*_loads(results))
     yield page.figures(_of_patches(results))
     yield page.heading("How this report was made")
-    yield page.verbatim(_command(options, results))
+    yield page.command(_command(options, results))
     digest = hashlib.sha256(options.file.read_bytes()).hexdigest()
     yield page.paragraph(f"SHA-256 of {options.file.name}: {digest}")
     yield page.table([*versions().items(), ("Python", platform.python_version())])
@@ -250,10 +250,13 @@ def _statistics(results: Results) -> tuple[list[list[str]], list[str]]:
     columns = [_statistics_of(results, surface) for surface in surfaces]
     law = results.power_law
     waves = [measured(units, 2 * math.pi / q, "length") for q in (law.rolloff, law.cutoff)]
-    hurst = f"{law.hurst:.2f} ± {law.hurst_error:.2f}, waves of {waves[0]} to {waves[1]}"
     rows = [list(row) for row in zip(names, *columns, strict=True)]
+    rows += [
+        ["Hurst exponent", f"{law.hurst:.2f} ± {law.hurst_error:.2f}"],
+        ["its waves", f"{waves[0]} to {waves[1]}"],
+    ]
     header = ["", *(f"{times(surface.grid.shape)} points" for surface in surfaces)]
-    return [*rows, ["Hurst exponent", hurst]], header
+    return rows, header
 
 
 def _statistics_of(results: Results, surface: Topography) -> list[str]:
@@ -375,7 +378,7 @@ def _of_patches(results: Results) -> list[tuple[Axes, str]]:
     return drawn
 
 
-def _command(options: argparse.Namespace, results: Results) -> str:
+def _command(options: argparse.Namespace, results: Results) -> list[str]:
     """Return the command for the same report, with the defaults that depend on the scan."""
     known = {
         **vars(options),
@@ -388,4 +391,4 @@ def _command(options: argparse.Namespace, results: Results) -> str:
         if value is not None:
             values = value if isinstance(value, list) else [value]
             arguments += [option_of(name), *map(str, values)]
-    return shlex.join(["python", "-m", "jaxstab", "report", *arguments])
+    return [shlex.quote(word) for word in ["python", "-m", "jaxstab", "report", *arguments]]
