@@ -16,7 +16,8 @@ of a room are tried on the kinds of problems that come to it.
 
 A constant has no effect if with both values no result changes by more than 1e-6, or the tolerance
 of evolutions, failures are the same, and steps, calls and seconds change by less than 5 %. All of
-it takes about an hour.
+it takes hours: with `--every 3` only each third problem is solved, and with `--together` constants
+are scaled at once: if they have no effect together, each is taken to have none.
 
     python benchmarks/sensitivity.py --only evolution branches
 """
@@ -110,13 +111,14 @@ def scaled(factor: float, value: Any) -> Any:
 
 
 class Scaling(SourceFileLoader):
-    """Finds one module, and multiplies one of its constants right after its definition."""
+    """Finds one module, and multiplies some of its constants right after their definitions."""
 
-    def __init__(self, module: str, name: str, factor: float):
+    def __init__(self, module: str, names: list[str], factor: float):
         super().__init__(
             module, str(PACKAGE.parent.joinpath(*module.split(".")).with_suffix(".py"))
         )
-        self.constant, self.factor = name, factor
+        self.constants = names
+        self.factor = factor
 
     def find_spec(self, module: str, path: Any, target: Any = None) -> ModuleSpec | None:
         spec = PathFinder.find_spec(module, path) if module == self.name else None
@@ -126,10 +128,10 @@ class Scaling(SourceFileLoader):
 
     def get_code(self, fullname: str) -> Any:
         tree = ast.parse(Path(self.path).read_text())
-        names = [ast.unparse(getattr(node, "targets", [node])[0]) for node in tree.body]
-        again = ast.parse(f"{self.constant} = _scaled({self.constant})").body
-        place = names.index(self.constant) + 1
-        tree.body[place:place] = again
+        for constant in self.constants:
+            names = [ast.unparse(getattr(node, "targets", [node])[0]) for node in tree.body]
+            place = names.index(constant) + 1
+            tree.body[place:place] = ast.parse(f"{constant} = _scaled({constant})").body
         return compile(tree, self.path, "exec")
 
     def exec_module(self, module: Any) -> None:
@@ -292,8 +294,8 @@ def problems(family: str) -> list[Callable[[], Outcome]]:
     return listed
 
 
-def solved(families: list[str], has_seconds: bool) -> dict[str, Any]:
-    """Return the outcomes of all problems of some kinds, and what they cost."""
+def solved(families: list[str], every: int, has_seconds: bool) -> dict[str, Any]:
+    """Return the outcomes of every n-th problem of some kinds, and what they cost."""
     calls = count_calls()
     import jax
 
@@ -301,7 +303,7 @@ def solved(families: list[str], has_seconds: bool) -> dict[str, Any]:
 
     jax.config.update("jax_enable_x64", True)
     warnings.simplefilter("ignore")
-    listed = {family: problems(family) for family in families}
+    listed = {family: problems(family)[::every] for family in families}
 
     def outcomes(family: str) -> list[Outcome]:
         found = []
@@ -356,34 +358,50 @@ def count_calls() -> list[str]:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--only", nargs="+", choices=ROOMS, default=[*ROOMS], metavar="ROOM")
+    parser.add_argument("--constants", nargs="+", metavar="NAME", help="of the rooms, by name")
+    parser.add_argument("--together", action="store_true", help="scale these at once, in one row")
+    parser.add_argument("--every", type=int, default=1, help="of so many problems solve one")
     parser.add_argument("--seconds", action="store_true")
     folder = Path(__file__).parent / "results"
     parser.add_argument("--out", type=Path, default=folder / "sensitivity.md")
     parser.add_argument("--solve", help=argparse.SUPPRESS)
     options = parser.parse_args()
     if options.solve:
-        families, *constant = json.loads(options.solve)
-        if constant:
-            sys.meta_path.insert(0, Scaling(*constant))
-        print(json.dumps(solved(families, options.seconds)))
+        families, factor, constants = json.loads(options.solve)
+        for module, names in constants.items():
+            sys.meta_path.insert(0, Scaling(module, names, factor))
+        print(json.dumps(solved(families, options.every, options.seconds)))
         return
     lines = [f"| {' | '.join(COLUMNS)} |", "|" + "---|" * len(COLUMNS)]
     with tempfile.TemporaryDirectory() as cache:
         for room in options.only:
-            solve = partial(solve_apart, cache, options.seconds, ROOMS[room])
-            solve()
-            known = solve()
-            for constant in constants_of(room):
-                tried = [solve(constant.module, constant.name, factor) for factor in FACTORS]
-                lines.append(row(constant, known, tried))
+            solve = partial(solve_apart, cache, options.every, options.seconds, ROOMS[room])
+            solve(1.0, [])
+            known = solve(1.0, [])
+            chosen = [
+                constant
+                for constant in constants_of(room)
+                if not options.constants or constant.name in options.constants
+            ]
+            for constants in [chosen] if options.together else [[one] for one in chosen]:
+                tried = [solve(factor, constants) for factor in FACTORS]
+                lines.append(row(constants, known, tried))
                 print(lines[-1], flush=True)
                 options.out.write_text("\n".join(lines) + "\n")
 
 
 def solve_apart(
-    cache: str, has_seconds: bool, families: tuple[str, ...], *constant: Any
+    cache: str,
+    every: int,
+    has_seconds: bool,
+    families: tuple[str, ...],
+    factor: float,
+    constants: list[Constant],
 ) -> dict[str, Any] | None:
     """Return the outcomes of problems in a process of its own, or None if it has none."""
+    names: dict[str, list[str]] = {}
+    for constant in constants:
+        names.setdefault(constant.module, []).append(constant.name)
     environment = os.environ | {
         "JAX_COMPILATION_CACHE_DIR": cache,
         "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "0.1",
@@ -396,21 +414,23 @@ def solve_apart(
         ),
         "PYTHONPATH": str(PACKAGE.parent),
     }
-    command = [sys.executable, __file__, "--solve", json.dumps([families, *constant])]
-    command += ["--seconds"] * has_seconds
+    command = [sys.executable, __file__, "--solve", json.dumps([families, factor, names])]
+    command += ["--every", str(every), *["--seconds"] * has_seconds]
     try:
         done = subprocess.run(
             command, env=environment, capture_output=True, text=True, timeout=LIMIT, check=True
         )
     except (subprocess.TimeoutExpired, subprocess.CalledProcessError):
-        if not constant:
+        if not constants:
             raise
         return None
     return json.loads(done.stdout.splitlines()[-1])
 
 
-def row(constant: Constant, known: dict[str, Any], tried: list[dict[str, Any] | None]) -> str:
-    """Return the row of a constant: with half and twice its value, against as it is."""
+def row(
+    constants: list[Constant], known: dict[str, Any], tried: list[dict[str, Any] | None]
+) -> str:
+    """Return the row of constants: with half and twice their values, against as they are."""
     results = []
     failures = [str(count_failures(known))]
     costs: dict[str, list[str]] = {name: [] for name in COSTS}
@@ -433,9 +453,9 @@ def row(constant: Constant, known: dict[str, Any], tried: list[dict[str, Any] | 
             costs[name].append(f"{100 * more:+.0f} %")
             has_effect |= abs(more) > COST
     cells = [
-        constant.module.removeprefix("jaxstab."),
-        f"`{constant.name}`",
-        f"`{constant.value}`",
+        ", ".join(dict.fromkeys(one.module.removeprefix("jaxstab.") for one in constants)),
+        ", ".join(f"`{one.name}`" for one in constants),
+        ", ".join(f"`{one.value}`" for one in constants),
         *(", ".join(cell) for cell in (results, failures, *costs.values())),
         "yes" if has_effect else "none",
     ]

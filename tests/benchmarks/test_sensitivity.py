@@ -45,21 +45,22 @@ def test_numbers_and_tables_are_halved_and_nothing_else(sensitivity, value, half
     assert sensitivity.scaled(0.5, value) == half
 
 
-def test_a_constant_is_scaled_where_it_is_defined_and_where_it_is_imported():
+def test_constants_are_scaled_where_they_are_defined_and_where_they_are_imported():
     code = (
         f"import sys; sys.path.insert(0, {str(FILE.parent)!r})\n"
         "from sensitivity import Scaling\n"
-        "sys.meta_path.insert(0, Scaling('jaxstab.evolution.legs', 'RTOL', 2.0))\n"
+        "sys.meta_path.insert(0, Scaling('jaxstab.evolution.legs', ['RTOL', '_GROWTH'], 2.0))\n"
         "import jaxstab.evolution\n"
         "lifetime = sys.modules['jaxstab.evolution.lifetime']\n"
         "legs = sys.modules['jaxstab.evolution.legs']\n"
-        "print(legs.RTOL['float64'], lifetime.RTOL['float64'], legs._CAUTION)\n"
+        "print(legs.RTOL['float64'], lifetime.RTOL['float64'], legs._GROWTH, legs._CAUTION)\n"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     from jaxstab.evolution import legs
 
     doubled = 2 * legs.RTOL["float64"]
-    assert done.stdout.split() == [str(doubled), str(doubled), str(legs._CAUTION)]
+    others = str(2 * legs._GROWTH), str(legs._CAUTION)
+    assert done.stdout.split() == [str(doubled), str(doubled), *others]
 
 
 def test_a_change_is_relative_to_its_array_and_another_number_of_results_is_another(sensitivity):
