@@ -29,7 +29,7 @@ Solver = TypeVar("Solver", bound=Eigensolver)
 # The points from which a grid is large: on fewer, the coarser problem does not pay.
 _LARGE = 2**18
 # A coarser problem has at most so many points, but for grids that cannot be halved so often.
-_COARSE = 2**16
+_COARSE = _LARGE // 4
 # The residual to which it is solved at most.
 _TOLERANCE = 1e-4
 # How far the eigenvalue may lie from the coarser problem's, as a part of it: no other

@@ -12,9 +12,6 @@ from jaxstab.equilibrium import Equilibrium, EquilibriumSolver, equilibrate
 from jaxstab.equilibrium.equilibrium import State, found_equilibrium
 from jaxstab.equilibrium.verify import recognised
 
-# A push moves the point that moves most by this part of the mean gap by default.
-SMALL = 1e-3
-
 
 def release(
     contact: Contact,
@@ -72,7 +69,7 @@ def release(
     return replace(released, result=result)
 
 
-def amplitude_of(gap: Field, mode: Field, share: float = SMALL) -> Scalar:
+def amplitude_of(gap: Field, mode: Field, share: float = 1e-3) -> Scalar:
     """Return the amplitude at which a mode moves no point by more than a part of the mean gap."""
     largest = jnp.max(jnp.abs(mode))
     return share * jnp.mean(gap) / jnp.where(largest == 0, 1, largest)
