@@ -23,7 +23,6 @@ from jaxtyping import Array, Int
 
 from jaxstab.branches.corrector import (
     AT_STATES,
-    CLOSE,
     Condition,
     Correction,
     Found,
@@ -43,6 +42,7 @@ from jaxstab.branches.interpolation import (
 from jaxstab.branches.kinds import KINDS
 from jaxstab.branches.morse_index import MOST, UNKNOWN, DrivenIndex, driven_index_of, index_of
 from jaxstab.contact.hessian import Block
+from jaxstab.core.accuracy import EXACT
 from jaxstab.core.checks import array, concrete
 from jaxstab.core.compile import program
 from jaxstab.core.control_flow import choose, cond
@@ -60,15 +60,10 @@ _TO_TURN = 0.9
 # How far from its prediction a state may be, over the step: on a smooth piece, and over several.
 _FARTHEST = 0.1
 _FARTHEST_LEAP = 0.3
-# Steps of Newton's method from which steps grow no more, and that a step may take at most.
+# Steps of Newton's method from which steps grow no more.
 _EASY = 4
-_HARD = 8
 # Steps shorter than this part of the longest may pass a bifurcation.
 _ACROSS = 1e-3
-# Active-set changes within this part of a step to the last load before its end are passed with it.
-_AT_END = 1e-6
-# Active-set changes nearer to each other than this part of the longest step are one.
-_NEAREST = {"float64": 1e-8, "float32": 1e-5}
 
 
 class ArclengthStep(eqx.Module):
@@ -286,9 +281,10 @@ def _target_of(problem: ContinuationProblem, step: ArclengthStep) -> _Target:
     old = step.here
     length = step.length
     dtype = step.length.dtype
-    changes = changes_ahead(curve, old, _NEAREST[dtype.name] * problem.max_step)
+    changes = changes_ahead(curve, old, problem.min_step)
     most = most_changes(changes.net.size)
-    number = jnp.sum(changes.distances <= jnp.where(step.lands, 1 - _AT_END, 1) * length)
+    # A change right before the last load is passed with it.
+    number = jnp.sum(changes.distances <= length - step.lands * problem.min_step)
     follows = (number > jnp.sum(changes.tied)) & (most > 1)
     if most > 1:
         length = jnp.minimum(length, jnp.sort(changes.distances.ravel())[most])
@@ -308,7 +304,7 @@ def _target_of(problem: ContinuationProblem, step: ArclengthStep) -> _Target:
     least = jnp.where(curve.contact.has_core, old.at.gap / 5, -jnp.inf)
     least = jnp.where(follows, jnp.maximum(least, 0), least)
     start = Point(jnp.maximum(predicted.gap, least), predicted.pressure)
-    close = jnp.where(is_change, *jnp.array([CLOSE[dtype.name], AT_STATES[dtype.name]], dtype))
+    close = jnp.where(is_change, *jnp.array([EXACT[dtype.name], AT_STATES[dtype.name]], dtype))
     return _Target(
         changes, reach, is_change, opens, follows, predicted, start, row, condition, close
     )
@@ -329,7 +325,7 @@ def _judged(
     cosine = curve.product(tangent, old.tangent)
     farthest = jnp.where(target.follows, _FARTHEST_LEAP, _FARTHEST)
     is_near = curve.length(place.at.minus(target.predicted)) <= farthest * reach
-    is_straight = (length > 0) & (cosine > _LEAST_COSINE) & (found.num_steps <= _HARD)
+    is_straight = (length > 0) & (cosine > _LEAST_COSINE)
     cubics = Cubics(old, place, length, cosine)
     forces = found.forces
     after = forces.net, curve.net_rate(forces.curvature, tangent)
@@ -499,7 +495,7 @@ def _crossing(
     old = step.here
     crossing = _crossed(problem, step, target, judgement, reached, events)
     correction = Correction(problem.curve, crossing.condition, old.is_free)
-    close = CLOSE[step.length.dtype.name]
+    close = EXACT[step.length.dtype.name]
     found = correct(correction, crossing.start, target.row, old.tangent, close)
     return _with_crossing(turn, crossing, found)
 

@@ -11,7 +11,6 @@ from jaxtyping import Array, Int
 from jaxstab.branches.arclength import ArclengthStep, take_step
 from jaxstab.branches.branch import Turn
 from jaxstab.branches.corrector import (
-    CLOSE,
     Condition,
     Correction,
     correct,
@@ -24,6 +23,7 @@ from jaxstab.branches.morse_index import index_of, no_modes
 from jaxstab.branches.point import PathPoint, point_of
 from jaxstab.contact import Contact
 from jaxstab.contact.hessian import Block
+from jaxstab.core.accuracy import EXACT, NEGLIGIBLE
 from jaxstab.core.checks import array, cast, concrete, require, require_finite
 from jaxstab.core.compile import program
 from jaxstab.core.control_flow import cond
@@ -33,12 +33,11 @@ from jaxstab.equilibrium import Equilibrium
 from jaxstab.equilibrium.equilibrium import state_at
 from jaxstab.loads import Load, require_loads, require_same_machine
 
-# The longest step over the distance between the loads; the first and the shortest over the longest.
-_LONGEST = 0.1
+# The longest step over the distance between the loads, and over the size of the first state; the
+# first and the shortest over the longest.
+LONGEST = 0.1
 _FIRST = 0.2
 SHORTEST = {"float64": 1e-7, "float32": 1e-4}
-# How nearly a turn is one that was passed before, over the size of its state.
-_SAME = {"float64": 1e-7, "float32": 1e-3}
 
 
 class BranchState(eqx.Module):
@@ -102,7 +101,7 @@ def begin(
     if dtype == jnp.float32:
         # A solver may stop as far from the curve as a short step may from its prediction.
         correction = Correction(curve, start.condition, start.is_free, follows=True)
-        closer = correct(correction, at, start.ahead, tangent, CLOSE[dtype.name])
+        closer = correct(correction, at, start.ahead, tangent, EXACT[dtype.name])
         here = cond(closer.is_found, lambda: closer.place, lambda: here)
     modes = start.modes
     load = curve.load
@@ -162,7 +161,7 @@ def _problem(
     first, last = loads.value.astype(dtype)
     speed = jnp.abs(curve.rate(here.tangent))
     size = curve.length(here.at)
-    longest = _LONGEST * jnp.abs(last - first) / jnp.where(speed > 0, speed, 1)
+    longest = LONGEST * jnp.abs(last - first) / jnp.where(speed > 0, speed, 1)
     longest = jnp.where(size > 0, jnp.minimum(longest, size), longest)
     longest = longest if max_step is None else max_step.astype(dtype)
     shortest = SHORTEST[dtype.name] * longest if min_step is None else min_step.astype(dtype)
@@ -269,7 +268,7 @@ def is_same(problem: ContinuationProblem, one: Turn, other: Turn) -> Flag:
     gap = one.equilibrium.gap
     gaps = other.equilibrium.gap
     grid = tuple(range(-gap.ndim, 0))
-    close = _SAME[gap.dtype.name]
+    close = NEGLIGIBLE[gap.dtype.name]
     span = jnp.abs(problem.last - problem.first)
     is_near = jnp.max(jnp.abs(gap - gaps), axis=grid) <= close * jnp.max(gap)
     is_near &= jnp.abs(one.load.value - other.load.value) <= close * span

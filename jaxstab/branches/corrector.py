@@ -17,20 +17,19 @@ from jaxtyping import Array, Int
 from jaxstab.branches.curve import TANGENT_ACCURACY, Curve, Forces, Place, Point
 from jaxstab.contact.hessian import Hessian
 from jaxstab.core import model
+from jaxstab.core.accuracy import EQUILIBRIUM, EXACT
 from jaxstab.core.checks import array
 from jaxstab.core.compile import program
 from jaxstab.core.control_flow import choose, zeros_of
 from jaxstab.core.grid import total
 from jaxstab.core.types import Field, Flag, Mask, Scalar
 
-# The residual at which a point counts as found, those sought at states and events, and how well a
-# step is solved for. In single precision a point within the tolerance alone may lie as far from the
-# curve as a short step may from its prediction.
-TOLERANCE = {"float64": 1e-9, "float32": 1e-4}
-AT_STATES = {"float64": 1e-9, "float32": 1e-6}
-CLOSE = {"float64": 1e-12, "float32": 1e-7}
+# The residual sought at states. In single precision a point within the tolerance of an equilibrium
+# may lie as far from the curve as a short step may from its prediction.
+AT_STATES = {**EQUILIBRIUM, "float32": EXACT["float32"]}
+# How well a step is solved for.
 _ACCURACY = 1e-2
-_MAX_STEPS = 12
+_MAX_STEPS = 8
 # A step that lowers a residual below the tolerance by less ends a search for a smaller one; above
 # it, so many steps in turn do. Searches that succeeded had two of them at most.
 _LEAST_FALL = 0.5
@@ -150,7 +149,7 @@ def correct(
         fine: the accuracy of the direction; by default that of tangents.
     """
     dtype = start.gap.dtype
-    fine = TANGENT_ACCURACY[dtype.name] if fine is None else fine
+    fine = TANGENT_ACCURACY if fine is None else fine
     # Numbers of one type, so that all searches share one program.
     close, fine = (x if isinstance(x, jax.Array) else array(x, dtype) for x in (close, fine))
     return _newton(problem, start, ahead, near, close, fine)
@@ -173,7 +172,7 @@ def _newton(
 ) -> Found:
     curve = problem.curve
     dtype = start.gap.dtype
-    enough = TOLERANCE[dtype.name]
+    enough = EQUILIBRIUM[dtype.name]
 
     def goes_on(state: tuple[Found, Scalar, Int[Array, ""]]) -> Flag:
         old, _, num_failures = state

@@ -16,12 +16,14 @@ import jax.numpy as jnp
 from jaxtyping import Array, Int
 
 from jaxstab.branches.branch_steps import BranchState, begin, two_loads
+from jaxstab.branches.corrector import AT_STATES
 from jaxstab.branches.differentiable_limit import CriticalLoad, critical_load_at
 from jaxstab.branches.energy import characteristic_energy, supply_of
 from jaxstab.branches.kinds import KINDS
 from jaxstab.branches.limit import Limit, limit_of, no_limit
 from jaxstab.contact import Contact, require_contact
 from jaxstab.contact.resolution import FOR_JUMPS, warn_if_coarse
+from jaxstab.core.accuracy import EQUILIBRIUM, rounding_of_numbers
 from jaxstab.core.checks import array
 from jaxstab.core.compile import in_pieces, own_conventions, program
 from jaxstab.core.control_flow import cond, while_loop
@@ -46,16 +48,11 @@ _NUM_SEARCHES = 2
 _SMALLEST_LOSS = 1e-5
 _BEYOND = 1e-6
 _MAX_MOVE = 0.03
-# A branch that is lost within so many of these distances behind a release has not left it.
-_NEAR = 10
 # So far beyond where the curve could not be followed: the same branch, if nothing is lost.
 _OVER = 1e-3
-# In single precision a looser solver takes the last state of a branch for balanced behind its end:
-# it goes on as far as rounding allows, which is close enough.
-_TOLERANCE = {**PreconditionedConjugateGradient.default_tolerance, "float32": 1e-6}
-_ROUNDED = {"float64": 0.0, "float32": 1e-3}
-# A solver that has not left a release begins farther beyond it by this factor.
-_GROWTH = 10.0
+# A branch that is lost within so many of these distances behind a release has not left it, and is
+# sought so many times farther beyond.
+_FARTHER = 10.0
 
 
 def critical_load(
@@ -186,7 +183,9 @@ def _limit(contact: Contact, loads: Load, start: Field) -> Limit:
 
     def next_limit(search: _Search) -> _Search:
         attempt = search.attempt
-        tolerance = _TOLERANCE[contact.heights.dtype.name]
+        # In single precision a looser solver takes the last state of a branch for balanced behind
+        # its end: it goes on as far as rounding allows, which is close enough.
+        tolerance = AT_STATES[contact.heights.dtype.name]
         solver = PreconditionedConjugateGradient(max_move=attempt.max_move, tolerance=tolerance)
         found = find(contact, attempt.loads[0], solver, search.limit.gap)
         result, is_left = _is_left(contact, search, found)
@@ -219,14 +218,14 @@ def _begun(contact: Contact, loads: Load, start: Field) -> tuple[Limit, _Attempt
 def _just_beyond(loads: Load) -> Scalar:
     """Return how far behind a release the next branch is sought."""
     first, last = loads.value
-    rounding = 4 * jnp.finfo(first.dtype).eps * jnp.maximum(jnp.abs(first), jnp.abs(last))
+    rounding = rounding_of_numbers(first.dtype) * jnp.maximum(jnp.abs(first), jnp.abs(last))
     return jnp.sign(last - first) * jnp.maximum(_BEYOND * jnp.abs(last - first), rounding)
 
 
 @program
 def _is_left(contact: Contact, search: _Search, found: Equilibrium) -> tuple[RESULTS, Flag]:
     """Return how an equilibrium was found, and whether the branch was left for good before it."""
-    close = _ROUNDED[contact.heights.dtype.name]
+    close = 10 * EQUILIBRIUM[contact.heights.dtype.name]
     is_close = (found.result == RESULTS.stagnated) & (found.residual <= close)
     result = RESULTS.where(is_close, RESULTS.successful, found.result)
 
@@ -282,7 +281,7 @@ def _next_attempt(
     # Right behind a release the solver may stay where the point has not opened yet.
     is_lost = limit.result == RESULTS.lost_branch
     distance = jnp.abs(value - old.load.value)
-    is_near = jnp.abs(limit.load.value - old.load.value) <= _NEAR * distance
+    is_near = jnp.abs(limit.load.value - old.load.value) <= _FARTHER * distance
     is_stuck = (attempt.number > 0) & (~is_stable | (is_lost & is_near & old.is_found))
     is_lost |= is_stuck
     is_release = limit.is_found & (limit.kind == KINDS.release)
@@ -291,8 +290,8 @@ def _next_attempt(
     reached = jnp.where(is_stuck, old.load.value, limit.load.value)
     reached = jnp.where((reached - value) * (last - first) > 0, reached, value)
     over = _OVER * (last - first)
-    is_short = jnp.abs(_GROWTH * attempt.step) < jnp.abs(over)
-    farther = jnp.where(is_stuck & is_short, _GROWTH * attempt.step, over)
+    is_short = jnp.abs(_FARTHER * attempt.step) < jnp.abs(over)
+    farther = jnp.where(is_stuck & is_short, _FARTHER * attempt.step, over)
     step = jnp.where(is_lost, farther, _just_beyond(loads).astype(farther.dtype))
     value = reached + step
     return _Attempt(

@@ -18,7 +18,7 @@ from jaxstab.loads import Load
 from jaxstab.potentials import derivatives
 
 # How well a tangent is solved for, and by how many restarts of GMRES at most.
-TANGENT_ACCURACY = {"float64": 1e-5, "float32": 1e-4}
+TANGENT_ACCURACY = 1e-4
 _MAX_RESTARTS = 10
 # Over the rms elastic pressure of full contact.
 _LEAST_SCALE = 1e-2

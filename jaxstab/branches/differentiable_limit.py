@@ -11,9 +11,10 @@ import jax
 import jax.numpy as jnp
 
 from jaxstab.branches.kinds import KINDS
-from jaxstab.branches.limit import ZERO, Limit, limit_ahead
+from jaxstab.branches.limit import Limit, limit_ahead
 from jaxstab.branches.response import free_space, opening, response
 from jaxstab.contact import Contact
+from jaxstab.core.accuracy import NEGLIGIBLE
 from jaxstab.core.compile import program
 from jaxstab.core.control_flow import choose
 from jaxstab.core.display import Outcome
@@ -32,9 +33,6 @@ from jaxstab.stability.derivatives import differentiable as differentiable_pair
 
 Inputs = tuple[Contact, Load]
 Changes = tuple[Scalar, Field]
-
-# Below it a direction lies across the mode.
-_LEAST_COSINE = {"float64": 1e-6, "float32": 1e-3}
 
 
 class CriticalLoad(Outcome):
@@ -137,9 +135,9 @@ def _changes_of_limit(
     # By symmetry the load does not act on the mode, or the eigenvalue does not change along it.
     driven = _cosine(pair.mode, space.project(net_rate))
     bent = _cosine(pair.mode, slope)
-    least = _LEAST_COSINE[gap.dtype.name]
+    least = NEGLIGIBLE[gap.dtype.name]
     branches_off = ~(jnp.minimum(jnp.abs(driven), jnp.abs(bent)) > least)
-    branches_off |= jnp.abs(pair.eigenvalue) > ZERO[gap.dtype.name] * contact.solid.min_stiffness
+    branches_off |= jnp.abs(pair.eigenvalue) > least * contact.solid.min_stiffness
     coinciding = changing_points(net, gap, contact.solid) & ~limit.point
     coincides = limit.is_tied | jnp.any(coinciding)
     is_undefined = ~is_found | (branches_off & ~is_release) | coincides

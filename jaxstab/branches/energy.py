@@ -8,11 +8,9 @@ import jax
 import jax.numpy as jnp
 
 from jaxstab.contact import Contact
+from jaxstab.core.accuracy import rounding_of_numbers
 from jaxstab.core.types import Scalar
 from jaxstab.loads import Load
-
-# The part of a loss that may be rounding, in units of the precision.
-_ROUNDING = 16
 
 
 def supply_of(
@@ -49,4 +47,4 @@ def rounding_of(energy: Scalar, pressing: Scalar) -> Scalar:
     `pressing` is area times mean pressure times mean gap: the rounding of the gap counts too, under
     a high pressure it does work.
     """
-    return _ROUNDING * jnp.finfo(energy.dtype).eps * (jnp.abs(energy) + jnp.abs(pressing))
+    return rounding_of_numbers(energy.dtype) * (jnp.abs(energy) + jnp.abs(pressing))

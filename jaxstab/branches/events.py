@@ -10,7 +10,6 @@ import jax.numpy as jnp
 from jaxtyping import Array, Int
 
 from jaxstab.branches.corrector import (
-    CLOSE,
     Condition,
     Correction,
     at_change,
@@ -19,22 +18,13 @@ from jaxstab.branches.corrector import (
     on_plane,
 )
 from jaxstab.branches.curve import Curve, Place, Point
+from jaxstab.core.accuracy import EQUILIBRIUM, EXACT, NEGLIGIBLE
 from jaxstab.core.checks import array
 from jaxstab.core.compile import program
 from jaxstab.core.control_flow import cond, first_good, while_loop
 from jaxstab.core.types import Field, Flag, Mask, Scalar
 
-# Points tie that change sides within this part of the distance to the first of them.
-_TIE = 1e-6
-# A reaction below this counts as none at the event, over the size of the pressures: states there
-# are found more closely.
-_VANISHING = {"float64": 1e-11, "float32": 1e-5}
 _MAX_SECANTS = 40
-# How closely a fold is found, over the step that it lies in, and by what tangents.
-_NARROW = {"float64": 1e-9, "float32": 1e-4}
-_FINE = {"float64": 1e-10, "float32": 1e-4}
-# How far the rate of the load may be from zero at a fold, over the larger one at the step's ends.
-_FLAT = 1e-3
 
 
 class ActiveSetChanges(eqx.Module):
@@ -74,7 +64,7 @@ def changes_ahead(curve: Curve, place: Place, shortest: Scalar) -> ActiveSetChan
     first = jnp.min(distances)
     places = jnp.arange(distances.size).reshape(distances.shape)
     point = places == jnp.argmin(distances)
-    tied = distances <= (1 + _TIE) * first + shortest
+    tied = distances <= first + shortest
     return ActiveSetChanges(forces.net, rate, distances, first, point, tied)
 
 
@@ -122,7 +112,8 @@ def _flipped(
     ahead = unit.gradient(curve, forces)
     # Others are near to it. Opened with a reaction left, a point would leave the curve.
     left = jnp.where(place.is_free, curve.contact.solid.max_stiffness * place.at.gap, forces.net)
-    vanishes = left <= _VANISHING[left.dtype.name] * forces.scale
+    # States at events are found more closely.
+    vanishes = left <= 10 * EXACT[left.dtype.name] * forces.scale
     flips = changes.point | (changes.tied & vanishes & with_tied)
     point = Point(jnp.where(flips, 0, place.at.gap), place.at.pressure)
     condition = at_change(curve, changes.point, opens, jnp.ones_like(place.at.pressure))
@@ -197,7 +188,9 @@ def fold_between(curve: Curve, old: Place, new: Place) -> tuple[Place, Flag]:
     def narrow(bracket: _Bracket) -> _Bracket:
         condition, start, direction = _on_cubic(step, old, bracket)
         correction = Correction(curve, condition, old.is_free)
-        found = correct(correction, start, step.row, direction, CLOSE[dtype], _FINE[dtype]).place
+        found = correct(
+            correction, start, step.row, direction, EXACT[dtype], EQUILIBRIUM[dtype]
+        ).place
         secants = _narrowed(curve, step, bracket.secants, found.tangent)
         low = cond(secants.is_low, lambda: found, lambda: bracket.low)
         high = cond(secants.is_low, lambda: bracket.high, lambda: found)
@@ -253,7 +246,7 @@ def _on_cubic(step: _SmoothStep, old: Place, bracket: _Bracket) -> tuple[Conditi
     # The place along the step is needed no more closely than the fold, and in a short step it is
     # not known to more digits.
     dtype = distance.dtype.name
-    scale = _NARROW[dtype] / CLOSE[dtype] * jnp.abs(step.length)
+    scale = EQUILIBRIUM[dtype] / EXACT[dtype] * jnp.abs(step.length)
     return on_plane(row, row.times(old.at) + distance, scale), start, direction
 
 
@@ -269,7 +262,7 @@ def _narrowed(curve: Curve, step: _SmoothStep, secants: _Secants, tangent: Point
     distances = jnp.where(is_low, jnp.stack([distance, high]), jnp.stack([low, distance]))
     rates = jnp.where(is_low, jnp.stack([rate, stays * fast]), jnp.stack([stays * slow, rate]))
     count = secants.count + 1
-    narrow_enough = _NARROW[rate.dtype.name]
+    narrow_enough = EQUILIBRIUM[rate.dtype.name]
     is_wide = distances[1] - distances[0] > narrow_enough * jnp.abs(step.length)
     is_steep = jnp.abs(rate) > narrow_enough * step.steepest
     return _Secants(
@@ -278,5 +271,5 @@ def _narrowed(curve: Curve, step: _SmoothStep, secants: _Secants, tangent: Point
         is_low=is_low,
         count=count,
         is_open=is_wide & is_steep & (count < _MAX_SECANTS),
-        is_flat=jnp.abs(rate) < _FLAT * step.steepest,
+        is_flat=jnp.abs(rate) < NEGLIGIBLE[rate.dtype.name] * step.steepest,
     )

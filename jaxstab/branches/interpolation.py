@@ -12,6 +12,7 @@ from jaxtyping import Array
 
 from jaxstab.branches.curve import Curve, Place
 from jaxstab.branches.events import ActiveSetChanges
+from jaxstab.core.accuracy import EQUILIBRIUM, rounding_of_numbers
 from jaxstab.core.types import Field, Flag, Scalar
 
 # One in so many points may change sides in a step.
@@ -20,8 +21,6 @@ _ONE_IN = 64
 _LEEWAY = 3
 # Places between two ends where the cubics are looked at.
 _BETWEEN = 16
-# A gap or reaction less than this below zero counts as zero, over the size of the pressures.
-_SLACK = {"float64": 1e-8, "float32": 1e-3}
 
 
 def most_changes(size: int) -> int:
@@ -66,7 +65,8 @@ def stays_positive(
     """Return whether gaps and reactions stay positive between two places, and up to where."""
     old = cubics.old
     new = cubics.new
-    slack = _SLACK[scale.dtype.name] * scale
+    # Below zero by so little a gap or reaction counts as zero.
+    slack = 10 * EQUILIBRIUM[scale.dtype.name] * scale
     # A core lets no gap close.
     least = jnp.where(curve.contact.has_core, 0, -jnp.inf)
 
@@ -105,7 +105,7 @@ def turns_as_predicted(curve: Curve, cubics: Cubics) -> Flag:
     between = cubics.between(jnp.zeros_like(value), rate, end - value, end_rate)
     steps = jnp.diff(jnp.concatenate([jnp.zeros((1,)), between, (end - value)[None]]))
     # Rounding of the load hides smaller steps.
-    noise = 16 * jnp.finfo(value.dtype).eps * (jnp.abs(value) + jnp.abs(end))
+    noise = rounding_of_numbers(value.dtype) * (jnp.abs(value) + jnp.abs(end))
     signs = jnp.concatenate(
         [rate[None], jnp.where(jnp.abs(steps) > noise, steps, 0), end_rate[None]]
     )

@@ -12,6 +12,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Int
 
 from jaxstab.branches.branch_steps import (
+    LONGEST,
     SHORTEST,
     BranchState,
     branch_from,
@@ -20,7 +21,6 @@ from jaxstab.branches.branch_steps import (
 )
 from jaxstab.branches.corrector import (
     AT_STATES,
-    TOLERANCE,
     Condition,
     Correction,
     Found,
@@ -34,6 +34,7 @@ from jaxstab.branches.kinds import KINDS
 from jaxstab.branches.morse_index import UNKNOWN, lowest_pair, no_modes
 from jaxstab.contact import Contact
 from jaxstab.contact.hessian import Block
+from jaxstab.core.accuracy import EQUILIBRIUM, NEGLIGIBLE
 from jaxstab.core.checks import array, concrete
 from jaxstab.core.compile import program
 from jaxstab.core.control_flow import choose, cond, first_good, while_loop, zeros_of
@@ -44,24 +45,15 @@ from jaxstab.equilibrium import PreconditionedConjugateGradient
 from jaxstab.loads import Load
 from jaxstab.stability.eigenpair import Eigenpair
 
-# How closely the mode of the limit is found.
-_MODE = {"float64": 1e-9, "float32": 1e-5}
-# An eigenvalue below this counts as zero at a fold, over the stiffness of the softest wave.
-ZERO = {"float64": 1e-6, "float32": 1e-3}
-# How closely a bifurcation is bracketed, over the longest step.
-_BRACKET = {"float64": 1e-10, "float32": 1e-5}
 _MAX_STEPS = 2000
 # The least part of a branch's direction that is along the mode of a fold.
 _ALONG = 0.5
 # How far from where it was seen to lie a limit may be found, over how near that is known: what is
 # missing on the whole may be missing at one point, and disturbed starts leave a branch early.
 _LEEWAY = {"float64": 1000, "float32": 100}
-# Of a search from a state nearby: its longest step over the size of the state, its first one over
-# that, and how far back it begins, that too. In single precision a state may lie farther past the
-# limit.
-_SHARE = 0.1
+# Of a search from a state nearby: its first step over its longest, and how far back it begins, over
+# a negligible part of the size of the state.
 _FIRST = 1e-3
-_BACK = {"float64": 1e-5, "float32": 1e-3}
 _BACKS = 1.0, 1e-2, 10.0, 100.0
 
 
@@ -178,7 +170,7 @@ def _ahead(contact: Contact, load: Load, gap: Field, ahead: Scalar) -> _Ahead:
     curve = Curve.of(contact, load)
     at = Point(gap, pressure_of(contact, load, gap))
     dtype = gap.dtype
-    longest = _SHARE * curve.length(at)
+    longest = LONGEST * curve.length(at)
     sign = jnp.sign(ahead)
     row = Point(sign * curve.load_gradient.gap, sign * curve.load_gradient.pressure)
     end = load.value + _LEEWAY[dtype.name] * _horizon(load, gap, ahead)
@@ -204,9 +196,10 @@ def _plane_behind(
     search: _Ahead, start: _SearchStart, at: Point, tangent: Point
 ) -> tuple[Condition, Point, Point]:
     """Return the plane behind the state of a start, the gradient across it, and a point there."""
+    curve = search.problem.curve
     longest = search.problem.max_step
-    back = _BACK[at.gap.dtype.name] * longest * start.back
-    row = search.problem.curve.gradient_of(tangent)
+    back = NEGLIGIBLE[at.gap.dtype.name] * curve.length(search.at) * start.back
+    row = curve.gradient_of(tangent)
     return on_plane(row, row.times(at) - back, longest), row, at.plus(tangent, -back)
 
 
@@ -308,7 +301,7 @@ def limit_of(problem: ContinuationProblem, branch: BranchState) -> Limit:
     seen = _seen(problem, search)
     modes = search.after.step.modes
     contact = problem.curve.contact
-    pair = lowest_pair(contact, seen.load, seen.gap, seen.opened, modes, _MODE[dtype.name])
+    pair = lowest_pair(contact, seen.load, seen.gap, seen.opened, modes, EQUILIBRIUM[dtype.name])
     return _limit(problem, branch.result, search, seen, pair)
 
 
@@ -335,7 +328,7 @@ def _narrowed(
 
 def _closest(problem: ContinuationProblem) -> Scalar:
     """Return how closely a bifurcation is bracketed [length]."""
-    return _BRACKET[problem.max_step.dtype.name] * problem.max_step
+    return EQUILIBRIUM[problem.max_step.dtype.name] * problem.max_step
 
 
 class _Seen(eqx.Module):
@@ -410,8 +403,8 @@ def _limit(
     correction = Correction(curve, condition, seen.is_free)
     imbalance, reaction = correction.residual(seen.at, correction.forces(seen.at))
     residual = jnp.maximum(imbalance, jnp.where(is_release, jnp.abs(reaction), 0))
-    is_met = residual <= TOLERANCE[dtype]
-    is_flat = jnp.abs(pair.eigenvalue) <= ZERO[dtype] * contact.solid.min_stiffness
+    is_met = residual <= EQUILIBRIUM[dtype]
+    is_flat = jnp.abs(pair.eigenvalue) <= NEGLIGIBLE[dtype] * contact.solid.min_stiffness
     is_event = is_met & jnp.where(is_release, pair.eigenvalue < pair.error, is_flat)
     # The branch runs along the mode of a fold, but across that of a bifurcation.
     tangent = new.here.tangent.gap
@@ -446,7 +439,7 @@ def no_limit(contact: Contact, load: Load, gap: Field) -> Limit:
     """Return that no limit is known yet, at a load and a gap from which to go on."""
 
     def pair() -> Eigenpair:
-        return lowest_pair(contact, load, gap, gap, no_modes(gap), _MODE[gap.dtype.name])
+        return lowest_pair(contact, load, gap, gap, no_modes(gap), EQUILIBRIUM[gap.dtype.name])
 
     return Limit(
         load=load,

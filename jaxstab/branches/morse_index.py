@@ -9,6 +9,7 @@ from jaxtyping import Array, Float, Int
 
 from jaxstab.contact import Contact
 from jaxstab.contact.hessian import Block
+from jaxstab.core.accuracy import EQUILIBRIUM, NEGLIGIBLE
 from jaxstab.core.checks import array
 from jaxstab.core.compile import program
 from jaxstab.core.control_flow import cond
@@ -19,22 +20,18 @@ from jaxstab.loads import Load
 from jaxstab.stability.cones import Subspace
 from jaxstab.stability.eigenpair import Eigenpair, measured
 from jaxstab.stability.ritz import norms
-from jaxstab.stability.solvers.base import ModesProblem, noise
+from jaxstab.stability.solvers.base import BLOCK_SIZE, ModesProblem, noise
 from jaxstab.stability.solvers.davidson import Davidson
 
 # Of the modes that are used, and of signs at zero.
-_TOLERANCE = {"float64": 1e-5, "float32": 1e-4}
+_TOLERANCE = 1e-4
 # A residual below which a positive Ritz value is one of an eigenvalue that is positive: over that
 # value, or where this is larger, over the scale of A.
 _CERTAIN = 0.1
-# The modes that are looked at first, and at most; one of them converges last, and does not count.
-_FEW = 4
+# The modes that are looked at if the first are not enough; the last to converge does not count.
 _MANY = 20
 # The modes of which it is known whether they have a part in a change, and one more.
 _SOME = 12
-# Of modes that a change of the gap is compared with, and the least part of it that is one.
-_EXACT = {"float64": 1e-9, "float32": 1e-4}
-_LEAST_PART = {"float64": 1e-6, "float32": 1e-3}
 MOST = _MANY - 1
 UNKNOWN = -1
 
@@ -84,7 +81,7 @@ class LowestModes(eqx.Module):
 @program
 def no_modes(gap: Field) -> Block:
     """Return that no modes are known: searches begin with random ones."""
-    return jnp.zeros((_FEW, *gap.shape), gap.dtype)
+    return jnp.zeros((BLOCK_SIZE, *gap.shape), gap.dtype)
 
 
 def index_of(
@@ -104,11 +101,10 @@ def index_of(
     are negative, or not known. More than `MOST` count as so many; `UNKNOWN` says that the search
     failed. Where not all are to be counted, three may stand for more.
     """
-    tolerance = _TOLERANCE[gap.dtype.name]
 
     def count(modes: Block) -> LowestModes:
         # The last of the modes converges slowly, and only its sign is of use.
-        solver = _CurveDavidson(tolerance, number=len(modes) - 1, signs_only=not precise)
+        solver = _CurveDavidson(_TOLERANCE, number=len(modes) - 1, signs_only=not precise)
         return _lowest_modes(contact, load, gap, gap, modes, solver.in_precision(gap.dtype))
 
     few = count(modes)
@@ -163,12 +159,12 @@ def driven_index_of(
 
     Modes that break a symmetry of the contact have none. Ten are counted; more are `UNKNOWN`.
     """
-    solver = _CurveDavidson(_EXACT[gap.dtype.name], number=_SOME - 1)
+    solver = _CurveDavidson(EQUILIBRIUM[gap.dtype.name], number=_SOME - 1)
     none = jnp.zeros((_SOME, *gap.shape), gap.dtype)
     pair, values, modes = _lowest(contact, load, gap, is_free, none, solver)
     is_negative = values < 0
     part = jnp.stack([jnp.abs(jnp.sum(mode * change)) for mode in modes[:-1]])
-    has_part = part > _LEAST_PART[gap.dtype.name] * jnp.sqrt(jnp.sum(change**2))
+    has_part = part > NEGLIGIBLE[gap.dtype.name] * jnp.sqrt(jnp.sum(change**2))
     is_all = (pair.result == RESULTS.successful) & ~jnp.all(is_negative)
     index = jnp.where(is_all, jnp.sum(is_negative & has_part), UNKNOWN)
     return DrivenIndex(index, values, modes[:-1])

@@ -6,6 +6,7 @@ import equinox as eqx
 import jax.numpy as jnp
 
 from jaxstab.core import model
+from jaxstab.core.accuracy import EQUILIBRIUM
 from jaxstab.core.grid import totals
 from jaxstab.core.types import Field, Flag, Scalar
 from jaxstab.loads.load import Control
@@ -17,12 +18,6 @@ from jaxstab.solids.solid import Solid
 _MEAN_SHARE = 1e-2
 # A surface is nearly flat if its heights spread by less than this part of the mean gap.
 _FLAT = 1e-2
-# How much larger than the rounding of a gap's pressure the scale of residuals then is, so that the
-# default tolerances can be reached.
-_ROUNDING = {"float64": 5e8, "float32": 2.5e3}
-# The inverse of the default tolerances: to reach them takes no more than that the stiffest wave is
-# rounded as gaps are. That outweighs the pressures from a few thousand points a side in float32.
-_FROM_TOLERANCE = {"float64": 1e9, "float32": 1e4}
 
 
 class Balance(eqx.Module):
@@ -35,10 +30,8 @@ class Balance(eqx.Module):
     f' + p0. It is at least a hundredth of the rms of K h, in single precision a tenth, since that
     resolves no less. It is at least the pressure by which rounding of the gap moves the stiffest
     wave, over the default tolerance. Where a core is stiffer than any wave, f' and the imbalance
-    are scaled down by the ratio. Over a nearly flat surface the scale is at least the pressure that
-    moves the stiffest wave by the part of the gap that rounding hides. Under a held pressure the
-    residual is at least a hundredth of the mean imbalance over the mean of p0 and f'. Over a nearly
-    flat surface it is at least the whole.
+    are scaled down by the ratio. Under a held pressure the residual is at least a hundredth of the
+    mean imbalance over the mean of p0 and f'. Over a nearly flat surface it is at least the whole.
 
     Attributes:
         net: K u + p0 + f'(g) [pressure].
@@ -75,8 +68,10 @@ def balance_of(
     heights -= heights.ravel()[0]
     spread = jnp.max(jnp.abs(heights))
     precision = float(jnp.finfo(heights.dtype).eps)
-    rounding = _ROUNDING[heights.dtype.name] * precision
-    least_rounding = _FROM_TOLERANCE[heights.dtype.name] * precision * stiffest
+    # The part of a gap that rounding hides, over the default tolerance: to reach that takes no more
+    # than that the stiffest wave is rounded as gaps are. Its pressure outweighs others from a few
+    # thousand points a side in float32.
+    rounding = precision / EQUILIBRIUM[heights.dtype.name]
 
     def balance(gap: Field) -> Balance:
         # Less the height of one point: K ignores a constant, but would lose digits to it.
@@ -99,9 +94,8 @@ def balance_of(
         twice_elastic = sums[0]
         adhesion = sums[1]
         level = sums[2] / gap.size
-        scale = jnp.maximum(scale, least_rounding * jnp.sqrt(sums[3] / gap.size))
+        scale = jnp.maximum(scale, rounding * stiffest * jnp.sqrt(sums[3] / gap.size))
         is_nearly_flat = (spread > 0) & (spread < _FLAT * level)
-        scale = jnp.where(is_nearly_flat, jnp.maximum(scale, rounding * stiffest * level), scale)
         residual = jnp.where(residual == 0, 0, residual / jnp.where(residual == 0, 1, scale))
         # A light load is all that keeps the surfaces where they are.
         # So it counts in full where the scale is rounding, which has no mean.

@@ -11,6 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Int, PyTree
 
+from jaxstab.core.accuracy import rounding_of_numbers
 from jaxstab.core.checks import array, cast, concrete, parameter, require, require_positive
 from jaxstab.core.history import History, Indicators
 from jaxstab.core.results import RESULTS
@@ -20,9 +21,8 @@ State = TypeVar("State")
 Solver = TypeVar("Solver")
 
 _STALL_FACTOR = 0.99
-# The least fall of the energy that is progress, over its fall so far, and in units of rounding.
+# The least fall of the energy that is progress, over its fall so far.
 _LEAST_FALL = 1e-9
-_ROUNDING = 10
 NO_LIMIT = int(np.iinfo(np.int32).max)
 
 
@@ -196,7 +196,7 @@ def _is_progress(first: Indicators, best: Indicators, new: Indicators) -> Flag:
     progress = new["residual"] < _STALL_FACTOR * best["residual"]
     if "energy" in new:
         fall = first["energy"] - best["energy"]
-        rounding = _ROUNDING * float(jnp.finfo(fall.dtype).eps)
+        rounding = rounding_of_numbers(fall.dtype)
         least = jnp.maximum(max(_LEAST_FALL, rounding) * fall, rounding * jnp.abs(best["energy"]))
         progress |= best["energy"] - new["energy"] > least
     return progress

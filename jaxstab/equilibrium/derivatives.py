@@ -7,6 +7,7 @@ import jax.numpy as jnp
 
 from jaxstab.contact.contact import Contact
 from jaxstab.core import model
+from jaxstab.core.accuracy import rounding_of_fields
 from jaxstab.core.grid import total
 from jaxstab.core.implicit import finite, pushed
 from jaxstab.core.linear_system import LinearSystem
@@ -80,6 +81,6 @@ def changing_points(net: Field, gap: Field, solid: Solid) -> Mask:
 
 def pressure_noise(net: Field, gap: Field) -> Scalar:
     """Return the least pressure above the residual and rounding."""
-    eps = jnp.finfo(gap.dtype).eps
-    squares = 1e2 * model.imbalance(net, gap) ** 2 + (1e3 * eps * net) ** 2
+    rounding = rounding_of_fields(gap.dtype)
+    squares = 1e2 * model.imbalance(net, gap) ** 2 + (rounding * net) ** 2
     return jnp.sqrt(total(squares) / gap.size)

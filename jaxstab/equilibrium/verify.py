@@ -4,14 +4,12 @@ import jax.numpy as jnp
 
 from jaxstab.contact.contact import Contact
 from jaxstab.contact.residual import Balance
+from jaxstab.core.accuracy import rounding_of_fields
 from jaxstab.core.compile import program
 from jaxstab.core.grid import total
 from jaxstab.core.results import RESULTS
 from jaxstab.equilibrium.equilibrium import Equilibrium
 from jaxstab.equilibrium.posing import posed_state
-
-# Rounding may add this to a residual, in units of the precision.
-_ROUNDING = 1e3
 
 
 @program
@@ -28,7 +26,7 @@ def recognised_by(balance: Balance, contact: Contact, equilibrium: Equilibrium) 
     gap = equilibrium.gap
     reaction = equilibrium.reaction
     pressure = equilibrium.pressure
-    rounding = _ROUNDING * jnp.finfo(gap.dtype).eps
+    rounding = rounding_of_fields(gap.dtype)
     is_met = contact.control(equilibrium.load).is_met(gap)
     is_own = (balance.residual <= 2 * equilibrium.residual + rounding) & is_met
     result = RESULTS.where(is_own, RESULTS.successful, RESULTS.other_contact)

@@ -32,8 +32,6 @@ _MAX_CURVATURE = 4
 # failed: to reject these too early costs less.
 _LEEWAY = 20
 _LEEWAY_IN_SEARCH = 5
-# A step that ends before a turning point by less than this part of itself leads there.
-_STRETCH = 1e-6
 # The part of the errors allowed that a step aims at.
 _AIM = 0.7
 
@@ -150,8 +148,8 @@ def next_step(load_path: LoadPath, progress: Progress) -> TrialStep:
     tries_whole = (bisection.distance <= bisection.nearness) | (bisection.error <= 1)
     within = jnp.where(tries_whole, bisection.distance, bisection.distance / 2)
     length = jnp.minimum(jnp.where(bisection.is_on, within, progress.next_length), left)
-    # No step is left over that is as short as rounding.
-    is_end = left <= (1 + _STRETCH) * length
+    # No step is left over that is shorter than jumps are located.
+    is_end = left <= length + load_path.resolution
     length = jnp.where(is_end, left, length)
     # The last step to a load that failed is a jump, if it fails again.
     is_near = (length if load_path.finds_all else bisection.distance) <= bisection.nearness
@@ -323,7 +321,7 @@ def _next_length(
     next_length = jnp.where(
         trial.is_end, jnp.maximum(next_length, progress.next_length), next_length
     )
-    next_length = jnp.where(outcome.is_event, load_path.max_step / 8, next_length)
+    next_length = jnp.where(outcome.is_event, load_path.max_step / _FURTHER, next_length)
     return jnp.where(outcome.is_apart | outcome.is_pulled, load_path.max_step, next_length)
 
 

@@ -9,6 +9,7 @@ import jax.numpy as jnp
 from jaxstab.branches.energy import characteristic_energy
 from jaxstab.branches.point import PathPoint
 from jaxstab.contact import Contact
+from jaxstab.core.accuracy import rounding_of_numbers
 from jaxstab.core.compile import program
 from jaxstab.core.control_flow import by_entries
 from jaxstab.core.types import ArrayLike, Field, Scalar
@@ -131,7 +132,7 @@ def load_path_of(
         heights = contact.heights
         noise = jax.random.normal(jax.random.key(0), heights.shape, heights.dtype)
         # Loads that are nearer to each other are the same.
-        finest = 4 * jnp.finfo(turns.dtype).eps * jnp.max(jnp.abs(turns))
+        finest = rounding_of_numbers(turns.dtype) * jnp.max(jnp.abs(turns))
         span = jnp.max(turns) - jnp.min(turns)
         return characteristic_energy(contact), span, finest, _characteristic_length(contact) * noise
 

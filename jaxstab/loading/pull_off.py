@@ -11,6 +11,7 @@ from jaxstab.branches.differentiable_limit import CriticalLoad, critical_load_at
 from jaxstab.branches.limit import Limit, limit_ahead
 from jaxstab.contact import Contact, require_contact
 from jaxstab.contact.resolution import FOR_JUMPS, warned_once
+from jaxstab.core.accuracy import EQUILIBRIUM
 from jaxstab.core.checks import scalar_parameter
 from jaxstab.core.compile import in_pieces, own_conventions, program
 from jaxstab.core.progress import progress_bar
@@ -27,7 +28,6 @@ from jaxstab.loads import Load, MeanPressure, Spring
 
 # Only the jump from the largest tension matters.
 _SMALLEST_JUMP = 1e-4
-_RESOLUTION = {"float64": 1e-9, "float32": 1e-5}
 # The largest attraction is known at some gaps only.
 _BEYOND = 1.01
 
@@ -97,7 +97,7 @@ def pull_off(
 @in_pieces
 def _search(contact: Contact, load: Load, start: Field) -> tuple[Limit, Equilibrium]:
     """Return the limit of the branch before the jump from the largest tension, and what remains."""
-    resolution = _RESOLUTION[contact.heights.dtype.name]
+    resolution = EQUILIBRIUM[contact.heights.dtype.name]
     load_path = load_path_of(contact, load, _SMALLEST_JUMP, DISTURBANCE, resolution=resolution)
     ended, strongest = step_to_end(load_path, start, no_jump)
     jump = strongest.event

@@ -14,6 +14,7 @@ from jaxstab.branches.kinds import KINDS
 from jaxstab.branches.limit import Limit, limit_ahead
 from jaxstab.branches.point import PathPoint, states_along
 from jaxstab.contact import Contact
+from jaxstab.core.accuracy import rounding_of_numbers
 from jaxstab.core.checks import concrete
 from jaxstab.core.compile import in_pieces, program
 from jaxstab.core.control_flow import by_entries, cond
@@ -27,8 +28,6 @@ from jaxstab.loading.path import Jump, Path
 from jaxstab.loading.record import Event, Record, Room
 from jaxstab.loads import Load
 
-# Loads closer than this are one, in units of the precision.
-_ROUNDING = 4
 # Tables of states have multiples of this size, so that one program serves many lengths.
 _ROOM = 1024
 
@@ -208,7 +207,7 @@ def _unlocated_loss(points: PathPoint, is_branch: Bool[Array, " steps"]) -> tupl
     force = points.force
     pair = step[1:] + step[:-1]
     # Through three states, where these lie on one branch, in the order of their loads, and apart.
-    rounding = _ROUNDING * jnp.finfo(step.dtype).eps * jnp.nanmax(jnp.abs(points.value))
+    rounding = rounding_of_numbers(step.dtype) * jnp.nanmax(jnp.abs(points.value))
     is_long = jnp.abs(step) > rounding
     is_known = is_branch[1:] & is_branch[:-1] & (step[1:] * step[:-1] > 0)
     is_known &= is_long[1:] & is_long[:-1]

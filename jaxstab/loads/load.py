@@ -8,6 +8,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from jaxstab.core.accuracy import rounding_of_fields
 from jaxstab.core.checks import cast, concrete, parameter, require
 from jaxstab.core.display import inline
 from jaxstab.core.stack import Stackable
@@ -67,8 +68,8 @@ class Control(eqx.Module):
         """Return the relative error of a gap under the load."""
 
     def is_met(self, gap: Field) -> Flag:
-        """Whether a gap meets the load, to within a thousand times the precision."""
-        return self.error(gap) <= 1e3 * jnp.finfo(gap.dtype).eps
+        """Whether a gap meets the load, to within the rounding of fields."""
+        return self.error(gap) <= rounding_of_fields(gap.dtype)
 
     @abstractmethod
     def energy(self, mean_gap: Array) -> Array:

@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from jaxstab.core import model
+from jaxstab.core.accuracy import rounding_of_numbers
 from jaxstab.core.checks import (
     concrete,
     parameter,
@@ -25,8 +26,6 @@ from jaxstab.loads.pressure import PressingControl
 from jaxstab.potentials.profile import Profile
 from jaxstab.solids.solid import Solid, apart_from_mean
 
-# The relative rounding error of a mean gap, in units of the precision.
-_ROUNDING = 4
 # The least stiffness of a real cantilever, over the stiffness of the solid's softest wave.
 _SOFT = 1e-8
 
@@ -72,7 +71,7 @@ class SpringControl(PressingControl):
         """Return the gradient plus p0, less the imbalance that rounding of the gap explains."""
         pressure = self.pressure(gap)
         lengths = jnp.abs(self.relaxed_gap) + mean(gap)
-        rounding = _ROUNDING * jnp.finfo(gap.dtype).eps * self.constant * lengths
+        rounding = rounding_of_numbers(gap.dtype) * self.constant * lengths
         imbalance = pressure - model.held_mean_pressure(gradient, gap)
         open_part = jax.lax.stop_gradient(jnp.clip(imbalance, -rounding, rounding))
         return gradient + (pressure - open_part)

@@ -9,6 +9,7 @@ from jaxtyping import Array, ArrayLike, Bool, Float, Int
 
 from jaxstab.contact.hessian import SymmetricOperator
 from jaxstab.core import model
+from jaxstab.core.accuracy import rounding_of_numbers
 from jaxstab.core.display import Outcome
 from jaxstab.core.grid import total
 from jaxstab.core.history import History
@@ -18,9 +19,6 @@ from jaxstab.core.units import NUMBER, STIFFNESS
 from jaxstab.stability.cones import AdmissibleCone, Subspace
 
 Admissible = Subspace | AdmissibleCone
-
-# Rounding adds this to an eigenvalue's error, in units of the precision and the bound on |A|.
-_ROUNDING = 32
 
 
 class Minimum(eqx.Module):
@@ -102,7 +100,8 @@ def measured(
 ) -> Eigenpair:
     """Return the eigenpair of a vector that a solver found, brought onto the cone."""
     eigenvalue, mode, residual = admissible_pair(operator, cone, vector)
-    rounding = _ROUNDING * jnp.finfo(residual.dtype).eps * operator.bound
+    # Rounding of A x and of its projection add to the error.
+    rounding = 2 * rounding_of_numbers(residual.dtype) * operator.bound
     # A solver of a user's own may return anything.
     is_lost = jnp.isnan(eigenvalue) & (found.result == RESULTS.successful)
     return Eigenpair(

@@ -11,6 +11,7 @@ from jaxtyping import Array, Bool
 from jaxstab.contact.contact import Contact
 from jaxstab.contact.hessian import Hessian
 from jaxstab.core import model
+from jaxstab.core.accuracy import rounding_of_fields
 from jaxstab.core.compile import program
 from jaxstab.core.grid import total
 from jaxstab.core.results import RESULTS
@@ -24,8 +25,6 @@ from jaxstab.stability.eigenpair import Eigenpair, admissible_pair, lowered
 from jaxstab.stability.lowest_pair import cost_of, with_cost
 from jaxstab.stability.ritz import norms
 
-# Reactions below this part of the pressure count as none, in units of the precision.
-_ROUNDING = 1e3
 # How much more than estimated a gap may be off.
 _DOUBT = 10
 
@@ -141,7 +140,7 @@ def problems_of(contact: Contact, equilibrium: Equilibrium) -> tuple[Eigenproble
     imbalance = jnp.sqrt(total(model.imbalance(balance.net, gap) ** 2))
     scale = pressure_scale(contact, gap, equilibrium.pressure)
     # The net pressure of a point may be wrong by this.
-    error = imbalance + _ROUNDING * jnp.finfo(gap.dtype).eps * scale
+    error = imbalance + rounding_of_fields(gap.dtype) * scale
     weak = in_contact & (balance.net <= error)
     nearly_touching = ~in_contact & (gap * hessian.solid.max_stiffness <= error)
     # Where there is nothing to assess, nothing moves.

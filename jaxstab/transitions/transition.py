@@ -12,6 +12,7 @@ from jaxtyping import Array, Float
 
 from jaxstab.contact import Contact, require_contact
 from jaxstab.contact.resolution import FOR_JUMPS, warn_if_coarse
+from jaxstab.core.accuracy import NEGLIGIBLE
 from jaxstab.core.checks import (
     concrete,
     integer,
@@ -45,8 +46,6 @@ from jaxstab.transitions.string import Landscape, String, StringMethod
 _MAX_ZOOMS = 5
 # A string that is drawn anew takes so few steps: with more its images slide down its sides.
 _FEW_STEPS = 8
-# States that differ by less are one, over the size of their gaps.
-_SAME = {"float64": 1e-6, "float32": 1e-3}
 
 # There and back; of the saddle, the start and the end. Detached surfaces are no end to come back
 # from.
@@ -258,7 +257,7 @@ def _find(number: int, contact: Contact, load: Load, first: Field, last: Field) 
         partial(_climbed, landscape, load, (start, end)),
         climb,
     )
-    close = _SAME[start.gap.dtype.name]
+    close = NEGLIGIBLE[start.gap.dtype.name]
     is_one = total((start.gap - end.gap) ** 2) <= close**2 * total(start.gap**2)
     result = RESULTS.where(climb.saddle.is_found, RESULTS.successful, RESULTS.no_pass)
     result = RESULTS.where(is_one, RESULTS.same_state, result)

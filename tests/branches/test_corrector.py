@@ -7,8 +7,9 @@ import pytest
 
 import jaxstab as js
 from jaxstab.branches.branch_steps import pressure_of
-from jaxstab.branches.corrector import CLOSE, Correction, correct, direction_at, on_plane
+from jaxstab.branches.corrector import Correction, correct, direction_at, on_plane
 from jaxstab.branches.curve import Curve, Point
+from jaxstab.core.accuracy import EXACT
 from jaxstab.equilibrium.posing import posed
 
 HEIGHTS = np.array([0.0265, 0.0055, -0.0643, 0.0301, 0.0105, -0.0316, 0.0162, 0.007])
@@ -27,7 +28,7 @@ def test_it_meets_a_tension_that_there_is_and_soon_gives_up_one_that_there_is_no
 
     def found_at(value):
         problem = Correction(curve, on_plane(row, value * unit, unit), at.gap > 0)
-        return correct(problem, at, row, tangent, CLOSE["float64"])
+        return correct(problem, at, row, tangent, EXACT["float64"])
 
     nothing = jax.tree.map(jnp.zeros_like, at)
     here = on_plane(row, row.times(at), unit)

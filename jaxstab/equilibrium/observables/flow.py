@@ -13,6 +13,7 @@ from typing import Any, Literal
 import numpy as np
 from jaxtyping import Bool, Float
 
+from jaxstab.core.accuracy import EQUILIBRIUM, EXACT
 from jaxstab.core.optional_packages import are_installed, require_packages
 from jaxstab.core.results import SolverError
 from jaxstab.equilibrium.observables.clusters import clusters_of
@@ -25,8 +26,8 @@ _Solve = Callable[[Float[np.ndarray, " cells"]], Float[np.ndarray, " cells"]]
 # With more cells the factors of a direct solver take several gigabytes.
 _LARGE = 1 << 21
 # The imbalance of a cell over the largest flux: the one aimed at, and the largest allowed.
-_BALANCED = 1e-12
-_LIMIT = 1e-9
+_BALANCED = EXACT["float64"]
+_LIMIT = EQUILIBRIUM["float64"]
 _MAX_ROUNDS = 30
 # Two bounds of a conductance may differ by this part.
 _BOUNDS = 1e-7

@@ -13,6 +13,7 @@ from jaxtyping import Array, Int
 
 from jaxstab.contact.contact import Contact
 from jaxstab.contact.residual import Balance
+from jaxstab.core.accuracy import EQUILIBRIUM
 from jaxstab.core.checks import concrete, parameter, require
 from jaxstab.core.control_flow import either, on_platform
 from jaxstab.core.grid import total, totals
@@ -86,7 +87,7 @@ class PreconditionedConjugateGradient(EquilibriumSolver):
     max_move: Scalar = eqx.field(converter=parameter, default=np.inf)
     least_energy: Scalar = eqx.field(converter=parameter, default=-np.inf)
 
-    default_tolerance: ClassVar[Mapping[str, float]] = {"float64": 1e-9, "float32": 1e-4}
+    default_tolerance: ClassVar[Mapping[str, float]] = EQUILIBRIUM
 
     def __check_init__(self) -> None:
         require("max_move", self.max_move, concrete(self.max_move) > 0, "it must be positive.")

@@ -10,6 +10,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Int
 
 from jaxstab.contact.hessian import Hessian
+from jaxstab.core.accuracy import EQUILIBRIUM
 from jaxstab.core.control_flow import choose, on_platform
 from jaxstab.core.grid import total
 from jaxstab.core.history import Indicators
@@ -49,7 +50,7 @@ class SaddleNewton(EquilibriumSolver):
     tolerance: Scalar | None = eqx.field(converter=optional_parameter, default=None)
     max_steps: Int[Array, ""] = eqx.field(converter=integer_parameter, default=200)
 
-    default_tolerance: ClassVar[Mapping[str, float]] = {"float64": 1e-9, "float32": 1e-4}
+    default_tolerance: ClassVar[Mapping[str, float]] = EQUILIBRIUM
     patience: ClassVar[int] = 20
 
     def step(self, problem: Problem, state: State) -> State:
