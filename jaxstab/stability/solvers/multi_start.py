@@ -11,13 +11,12 @@ from jaxstab.core.loop import NO_LIMIT, Iteration, IterativeSolver
 from jaxstab.stability.ritz import norms
 from jaxstab.stability.solvers.base import Eigenproblem
 
-# The steps of each round, twice as many as before, and the number of starts that go on to the next.
-_LENGTHS = *(4 * 2**number for number in range(5)), NO_LIMIT
-_MANY = 12
-_FEW = 3
-_NUM_KEPT = _MANY, *[_FEW] * (len(_LENGTHS) - 2), 1
+# The steps of each round, and the number of starts that go on to the next.
+_LENGTHS = 4, 8, 10, 15, 25, 40, 60, NO_LIMIT
+_NUM_KEPT = 12, 3, 3, 3, 3, 3, 3, 1
+_DISCARDED = max(_NUM_KEPT)
 # The round from which on no more than a few starts are left.
-_FEW_FROM = _NUM_KEPT.index(_FEW) + 1
+_FEW_FROM = 2
 # The inner product from which two unit vectors are taken to lead to the same minimiser.
 _SAME = 0.95
 
@@ -43,7 +42,7 @@ def multi_start(
     def narrowed(*starts: PyTree) -> tuple[Iteration, Array]:
         # Together all starts cost as much as those that are on: the few that go on move closer.
         found = rounds(slice(_FEW_FROM), *starts)
-        ahead = jnp.argsort(~found[1])[:_FEW]
+        ahead = jnp.argsort(~found[1])[: _NUM_KEPT[_FEW_FROM]]
         few = rounds(slice(_FEW_FROM, None), *jax.tree.map(lambda leaf: leaf[ahead], found))
         return jax.tree.map(lambda leaf, end: leaf.at[ahead].set(end), found, few)
 
@@ -108,7 +107,7 @@ def _ranks(
     is_copy = jnp.any((order[:, None] < order) & is_alike, axis=0)
     is_higher = lowest - problem.operator.scale * found.residual > jnp.min(lowest)
     is_discarded = is_out | is_copy | is_higher
-    return jnp.where(is_discarded, _MANY, _order(jnp.where(is_discarded, jnp.inf, lowest)))
+    return jnp.where(is_discarded, _DISCARDED, _order(jnp.where(is_discarded, jnp.inf, lowest)))
 
 
 def _order(values: Float[Array, " starts"]) -> Int[Array, " starts"]:
