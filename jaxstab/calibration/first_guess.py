@@ -42,6 +42,9 @@ _SEEN = 5.0
 _BEGIN = 0.1
 # The window ends where the undeformed gap is so many ranges at the deepest position.
 _RANGES = 5.0
+# A tip is not lighter than water [kg/m^3], and on the earth [m/s^2].
+_DENSITY = 1000.0
+_GRAVITY = 9.81
 # The resolution of a range that replaces a shorter one: a little more than states need.
 _RESOLUTION = 1.01 * FOR_STATES
 
@@ -98,8 +101,9 @@ def first_guess(
             segment or a contact.
 
     Warns:
-        FitWarning: if the curve shows no attraction, if the grid does not resolve the range, and if
-            the tip indents by more than its radius.
+        FitWarning: if the curve shows no attraction, if the grid does not resolve the range, and
+            for a radius in another unit than the curve's: if the tip indents by more than its
+            radius, or if a ball of the radius is too heavy for the cantilever.
     """
     require_kind(curve, ForceCurve, "no force curve: give one of jaxstab.force_curves.read.")
     require_one_of("the unit of pressure", pressure_unit, PRESSURES)
@@ -109,18 +113,13 @@ def first_guess(
     length = 10.0 ** LENGTHS[curve.unit]
     pressure = 10.0 ** PRESSURES[pressure_unit]
     part: Parts = "retraction" if segment == "both" else segment
-    tip, forces, weights, _, _ = columns_of(curve, part, 40, is_spring=False)
+    tip, forces, weights, _, constant = columns_of(curve, part, 40, is_spring=False)
     is_there = weights > 0
     measured = -tip[is_there], forces[is_there], np.sqrt(weights[is_there])
     sphere = _fitted(*measured, radius * length, part)
     depth = max(float(np.max(measured[0])) - sphere.contact_point, 0.0)
-    if depth > radius * length:
-        warn(
-            f"the indentation, {depth / length:.3g} {shown_unit(curve.unit)}, exceeds the radius: "
-            "the tip is no paraboloid there. Give the radius in the curve's unit of length, or fit "
-            "a contact with the tip's own shape, as `jaxstab.surfaces.tip`.",
-            FitWarning,
-        )
+    if unlikely := _unlikely(radius * length, depth, constant, curve.unit):
+        warn(f"{unlikely}.", FitWarning)
     reach = depth + _RANGES * sphere.range
     if sphere.work > 0:
         # An adhesive contact is wider than Hertz' by up to some a0, where d0 = a0^2 / R.
@@ -163,6 +162,30 @@ def first_guess(
         FitWarning,
     )
     return contact(resolved)
+
+
+def _unlikely(radius: float, depth: float, constant: float, unit: str) -> str:
+    """Return a sentence on a radius that cannot be the tip's, empty if it can.
+
+    All numbers are in SI units. The curve itself does not tell: it is the same for a radius that is
+    c times larger, if the work of adhesion is c and the modulus sqrt(c) times smaller.
+    """
+    bent = 4 / 3 * np.pi * radius**3 * _DENSITY * _GRAVITY / constant
+    if max(depth, bent) <= radius:
+        return ""
+    r, d, x = (
+        f"{size / 10.0 ** LENGTHS[unit]:.3g} {shown_unit(unit)}" for size in (radius, depth, bent)
+    )
+    cure = f"Give the radius in the curve's unit of length, {shown_unit(unit)}"
+    if depth > radius:
+        return (
+            f"the indentation, {d}, exceeds the radius, {r}: the tip is no paraboloid there. "
+            f"{cure}, or fit a contact with the tip's own shape, as `jaxstab.surfaces.tip`"
+        )
+    return (
+        f"a ball of the radius, {r}, even one as light as water, would bend the cantilever of "
+        f"{constant:.3g} N/m by {x} by its weight. {cure}, unless the tip is a flat lens"
+    )
 
 
 def _fitted(

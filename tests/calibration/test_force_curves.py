@@ -210,8 +210,6 @@ def test_a_first_guess_says_what_it_lacks():
     with pytest.warns(js.FitWarning, match=r"range of about .* nm, and a grid of 8 points") as said:
         js.first_guess(jkr, synthetic.RADIUS, 0.5, points=8)
     assert "where=lambda contact: (contact.potential.surface_energy" in str(said[0].message)
-    with pytest.warns(js.FitWarning, match="indentation, .* nm, exceeds the radius"):
-        js.first_guess(jkr, 1e-3 * synthetic.RADIUS, 0.5, points=8)
     hertz = synthetic.recorded(synthetic.hertz(), 0)
     for part in ("approach", "retraction"):
         with pytest.warns(js.FitWarning, match=f"the {part} shows no attraction"):
@@ -236,6 +234,26 @@ def test_a_first_guess_says_what_it_lacks():
     for kind, message, curve, radius in cases:
         with pytest.raises(kind, match=message):
             js.first_guess(curve, radius, 0.5)
+
+
+@pytest.mark.parametrize("factor", [1e-3, 1.0, 1e3])
+def test_a_radius_in_another_unit_than_the_curve_is_noticed(factor):
+    """A bead of 5 um on a cantilever of 0.5 N/m, which presses it in by 8 nm."""
+    modulus, radius = synthetic.MODULUS, 5e3
+    indentation, force = synthetic.hertz()
+    force = force * np.sqrt(radius / synthetic.RADIUS)
+    curve = synthetic.recorded((indentation, force), 0, constant=0.5, reach=2e4, speed=5e3)
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always", js.FitWarning)
+        guess = js.first_guess(curve.in_units("µm", "nN"), factor * 5, 0.5, points=8)
+    said = " ".join(str(one.message) for one in caught)
+    if factor == 1:
+        assert "radius" not in said
+        assert abs(1e-3 * guess.solid.contact_modulus / modulus - 1) < 0.05
+    if factor < 1:
+        assert f"exceeds the radius, {factor * 5:.3g} µm" in said
+    if factor > 1:
+        assert "ball of the radius, 5e+03 µm" in said and "0.5 N/m by 1.03e+04 µm" in said
 
 
 @pytest.mark.filterwarnings("ignore::jaxstab.WindowWarning")
