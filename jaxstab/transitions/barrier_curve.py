@@ -4,6 +4,9 @@ The slope of a barrier over the load is known with it, as a transition can be di
 energies of saddle and state follow the load at a fixed gap. Between two passes the 2/3 power of the
 barrier, or before a release the 1/2 power, which are smooth up to the end of the branch, is a cubic
 with the values and slopes of both.
+
+The barrier is the largest climb on the way. It goes on through a jump of the state: shortly before,
+the climb from the state behind the jump, which is met on the way, is larger already.
 """
 
 from bisect import bisect_right
@@ -16,20 +19,21 @@ from jaxstab.branches.differentiable_limit import CriticalLoad
 from jaxstab.branches.kinds import KINDS
 from jaxstab.contact import Contact
 from jaxstab.core.checks import array
-from jaxstab.core.results import RESULTS
-from jaxstab.core.types import Scalar
+from jaxstab.core.types import Flag, Scalar
 from jaxstab.equilibrium import Equilibrium, equilibrate
 from jaxstab.loading.path import Path
 from jaxstab.loads import MeanGap, MeanPressure
-from jaxstab.transitions.saddle import are_apart
-from jaxstab.transitions.transition import transition
+from jaxstab.transitions.transition import largest_climb
 
 # Passes are computed at no more than so many loads.
 _MAX_PASSES = 40
-# The state jumps within this part of the load at which it ends.
-_BESIDE_JUMP = 1e-3
-# Two cubics over half of an interval each have at most this part of the error of one.
-_PER_HALVING = 1 / 4
+# A jump within this part of the pull-off is the detachment.
+_AT_END = 1e-3
+# The error of a cubic over a part of an interval is at most this part of what one over the whole
+# missed at the pass between: the value, and the slope times the length of the part.
+_OF_MISSED = 1 / 4
+# An interval is divided at this part of it at least.
+_LEAST_PART = 0.1
 # Surfaces are far apart from this ratio of the attraction to the largest on.
 _HARDLY_ANY = 1e-9
 _POINTS = 64
@@ -76,9 +80,8 @@ class BarrierCurve:
         self._tensions = -np.asarray(path.load.value, float)
         self._end = -float(limit.load.value)
         jumps = -np.asarray(path.jumps.load.value, float)
-        beside = _BESIDE_JUMP * self._end
-        self._jumps = [jump for jump in jumps.tolist() if jump < self._end - beside]
-        self._law = path.jumps.barrier_law[-1] if len(path.jumps) > len(self._jumps) else None
+        has_detached = np.any(jumps >= (1 - _AT_END) * self._end)
+        self._law = path.jumps.barrier_law[-1] if has_detached else None
         self._power = 3 / 2 if limit.kind == KINDS.fold else 2.0
         self._nodes = [_Node(self._end, 0.0, np.nan)]
         self._errors: list[float] = []
@@ -88,15 +91,7 @@ class BarrierCurve:
         """Compute passes at lower and lower tensions, up to a barrier, and at the first tension."""
         distance = self._guess(barrier)
         while self._nodes[0].barrier < barrier and self._nodes[0].tension > first:
-            here = self._nodes[0]
             tension = max(first, self._end - distance)
-            between = [jump for jump in self._jumps if tension < jump < here.tension]
-            if between:
-                # From one side of the last jump to the other.
-                beside = _BESIDE_JUMP * self._end
-                above = between[-1] + beside
-                is_above = here.tension > above
-                tension = above if is_above else max(first, between[-1] - beside)
             self._add(tension)
             ratio = barrier / max(self._nodes[0].barrier, 0.1 * barrier)
             distance = self._end - tension
@@ -108,18 +103,20 @@ class BarrierCurve:
         """Compute passes until the barriers below a given one are within a tolerance."""
         while len(self._nodes) < _MAX_PASSES:
             errors = [
-                0.0 if self._has_jump(i) or self._nodes[i + 1].barrier >= barrier else error
+                0.0 if self._nodes[i + 1].barrier >= barrier else error
                 for i, error in enumerate(self._errors)
             ]
             worst = int(np.argmax(errors))
             if errors[worst] <= tolerance:
                 return
-            middle = (self._nodes[worst].tension + self._nodes[worst + 1].tension) / 2
-            expected = self._between(worst, np.array([middle]))[0]
-            self._add(middle)
-            error = abs(self._nodes[worst + 1].barrier - expected) * _PER_HALVING
+            place = self._place_between(worst)
+            (expected,), (slope,) = self._between(worst, np.array([place]))
+            self._add(place)
+            new = self._nodes[worst + 1]
             for i in (worst, worst + 1):
-                self._errors[i] = min(self._errors[i], error)
+                length = self._nodes[i + 1].tension - self._nodes[i].tension
+                missed = abs(new.barrier - expected) + abs(new.slope - slope) * length
+                self._errors[i] = min(self._errors[i], missed * _OF_MISSED)
 
     def barriers(self) -> Barriers:
         """Return the barriers at many tensions."""
@@ -130,7 +127,7 @@ class BarrierCurve:
             ends = self._nodes[i].tension, self._nodes[i + 1].tension
             places = np.linspace(*ends, _POINTS + 1)[1:]
             tensions.append(places)
-            barriers.append(self._between(i, places))
+            barriers.append(self._between(i, places)[0])
             errors.append(np.full(_POINTS, error))
         return Barriers(
             np.concatenate(tensions),
@@ -166,41 +163,52 @@ class BarrierCurve:
         gaps = self._path.equilibrium.gap
         assert gaps is not None
 
-        def there(pressure: Scalar) -> tuple[Scalar, tuple[Equilibrium, Equilibrium]]:
-            found = transition(self._contact, MeanPressure(pressure), gaps[number], None)
-            return found.there, (found.start, found.minima)
+        def climb(pressure: Scalar) -> tuple[Scalar, Flag]:
+            found, is_direct = largest_climb(self._contact, MeanPressure(pressure), gaps[number])
+            return found.there, array(is_direct)
 
-        barrier, slope, (start, (near, far)) = jax.jvp(
-            there, (array(-tension, gaps.dtype),), (array(1.0, gaps.dtype),), has_aux=True
+        barrier, slope, is_direct = jax.jvp(
+            climb, (array(-tension, gaps.dtype),), (array(1.0, gaps.dtype),), has_aux=True
         )
-        leads_back = near.result == RESULTS.successful and not are_apart(near, start)
-        self._is_direct &= bool(leads_back) and bool(far.result == RESULTS.pulled_off)
+        self._is_direct &= bool(is_direct)
         return _Node(tension, max(float(barrier), 0.0), -float(slope))
 
-    def _has_jump(self, i: int) -> bool:
-        """Return whether the state jumps between two passes."""
-        one, other = self._nodes[i : i + 2]
-        return any(one.tension < jump < other.tension for jump in self._jumps)
+    def _between(self, i: int, tensions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return the barriers at tensions between two passes, and their slopes."""
+        from scipy.interpolate import CubicHermiteSpline
 
-    def _between(self, i: int, tensions: np.ndarray) -> np.ndarray:
-        """Return the barriers at tensions between two passes."""
         one, other = self._nodes[i : i + 2]
-        length = other.tension - one.tension
-        share = (tensions - one.tension) / length
-        if self._has_jump(i) or one.tension == 0:
-            return one.barrier + share * (other.barrier - one.barrier)
+        chord = (other.barrier - one.barrier) / (other.tension - one.tension)
+        if one.tension == 0:
+            # The slope is infinite at first.
+            return one.barrier + chord * tensions, np.full_like(tensions, chord)
         low, high = (node.barrier ** (1 / self._power) for node in (one, other))
-        rise = self._slope(one) * length
+        rise = self._slope(one)
         if other.barrier > 0:
-            fall = self._slope(other) * length
-        elif self._law is not None and length <= self._law.range:
-            fall = -(float(self._law.coefficient) ** (1 / self._power)) * length
+            fall = self._slope(other)
+        elif self._law is not None and other.tension - one.tension <= self._law.range:
+            fall = -(float(self._law.coefficient) ** (1 / self._power))
         else:
             # With the slope of a parabola.
-            fall = 2 * (high - low) - rise
-        bend = (1 - share) * (rise - high + low) - share * (fall - high + low)
-        root = low + share * (high - low) + share * (1 - share) * bend
-        return np.maximum(root, 0) ** self._power
+            fall = 2 * (high - low) / (other.tension - one.tension) - rise
+        root = CubicHermiteSpline([one.tension, other.tension], [low, high], [rise, fall])
+        roots = np.maximum(root(tensions), 0)
+        slopes = self._power * roots ** (self._power - 1) * root(tensions, 1)
+        return roots**self._power, slopes
+
+    def _place_between(self, i: int) -> float:
+        """Return the tension between two passes at which their tangents meet.
+
+        That is near where another state has the largest climb from there on, and in the middle if
+        the barrier bends evenly.
+        """
+        one, other = self._nodes[i : i + 2]
+        length = other.tension - one.tension
+        chord = (other.barrier - one.barrier) / length
+        bend = one.slope - other.slope
+        # Two ends have no slope.
+        share = (chord - other.slope) / bend if np.isfinite(bend) and bend != 0 else 0.5
+        return one.tension + float(np.clip(share, _LEAST_PART, 1 - _LEAST_PART)) * length
 
     def _slope(self, node: _Node) -> float:
         """Return the slope of the power of the barrier that is smooth."""

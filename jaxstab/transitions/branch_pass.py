@@ -5,11 +5,13 @@ state leads around its pull-off and back to the same load, where it is unstable.
 several times, through further minima. Each saddle on it joins the states on its two sides, which
 are minima or detached surfaces. The pass is the lowest saddle such that it and those below it join
 the state with detached surfaces.
+
+Minima that are met on the way may be deeper than the start. Each has a climb, up to the pass
+between it and detached surfaces. The largest climb is the exponent of the time until detachment.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from operator import itemgetter
 from typing import NamedTuple
 
 import equinox as eqx
@@ -60,18 +62,26 @@ class BranchPass(NamedTuple):
     images: list[Image]
 
 
-def pass_on_branch(
-    contact: Contact, load: Load, start: Equilibrium, number: int
-) -> tuple[BranchPass, RESULTS]:
-    """Return the pass from an equilibrium to detached surfaces, and how the search ended.
+class Climb(NamedTuple):
+    """A minimum, and the pass between it and detached surfaces, so high above it [energy]."""
 
-    The branch is followed until the saddles on it join both. Of its states less than twice the
-    number are kept. The function does not run under JAX transformations.
+    minimum: Equilibrium
+    over: BranchPass
+    height: float
+
+
+def climbs_on_branch(
+    contact: Contact, load: Load, start: Equilibrium, number: int
+) -> tuple[list[Climb], RESULTS]:
+    """Return the climbs on the way from an equilibrium to detached surfaces, its own first.
+
+    The branch is followed until the saddles on it join both; the result is how that ended. Of its
+    states less than twice the number are kept. The function does not run under JAX transformations.
     """
     images = [_image(contact, load, start.gap)]
     stride = 1
     result = start.result
-    ways = _Ways(start)
+    ways = _Ways(contact, load, start)
     branches = _branch(contact, load, start) if result == RESULTS.successful else ()
     for count, (branch, is_at_load) in enumerate(branches, 1):
         gap = branch.step.here.at.gap
@@ -79,9 +89,9 @@ def pass_on_branch(
             saddle = saddle_near(contact, load, gap, array(-np.inf, gap.dtype))
             minima = minima_beside(contact, load, saddle, start.gap)
             images_there = [*images, _image(contact, load, gap)]
-            found = ways.pass_with(BranchPass(saddle, minima, images_there))
-            if found is not None:
-                return found, RESULTS.successful
+            climbs = ways.climbs_with(BranchPass(saddle, minima, images_there))
+            if climbs:
+                return climbs, RESULTS.successful
         if count % stride == 0:
             images.append(_image(contact, load, gap))
         if len(images) >= 2 * number:
@@ -91,7 +101,7 @@ def pass_on_branch(
         result = RESULTS.lost_branch if is_unclear else RESULTS.no_detachment
     saddle = no_saddle(start.gap)
     minima = minima_beside(contact, load, saddle, start.gap)
-    return BranchPass(saddle, minima, images), result
+    return [Climb(start, BranchPass(saddle, minima, images), np.nan)], result
 
 
 def _branch(contact: Contact, load: Load, start: Equilibrium) -> Iterator[tuple[BranchState, bool]]:
@@ -162,27 +172,66 @@ def _leaving(
     return replace(problem, first=problem.last, last=last), replace(branch, end=KINDS.states)
 
 
+def passes_out(energies: Sequence[float], sides: Sequence[tuple[int, int]]) -> dict[int, int]:
+    """Return the pass out of each state that is met on the way from the start.
+
+    Before thermal motion leads out over a pass, all states are met that lower saddles join with the
+    one before it. Behind it this is so again, until it leads to detached surfaces.
+
+    Arguments:
+        energies: of saddles.
+        sides: the numbers of the states on both sides of each.
+
+    Returns:
+        The number of the saddle that is the pass out of each state, of the start first; none
+        without a way.
+    """
+    joined: dict[int, set[int]] = {}
+    # The states that are met, the pass out of them, and the state behind it.
+    ways = {_DETACHED: (set[int](), -1, _DETACHED)}
+    for number in np.argsort(energies).tolist():
+        here, there = sides[number]
+        if here in ways:
+            here, there = there, here
+        if here in ways:
+            continue
+        together = joined.get(here, {here})
+        if there in ways:
+            ways |= dict.fromkeys(together, (together, number, there))
+        else:
+            together = together | joined.get(there, {there})
+            joined |= dict.fromkeys(together, together)
+    passes = {}
+    state = _START if _START in ways else _DETACHED
+    while state != _DETACHED:
+        together, number, state = ways[state]
+        passes |= dict.fromkeys(sorted(together), number)
+    return passes
+
+
 class _Ways:
     """The ways that saddles make from a start to detached surfaces."""
 
-    def __init__(self, start: Equilibrium):
+    def __init__(self, contact: Contact, load: Load, start: Equilibrium):
+        self._inputs = contact, load
         self._minima = {_START: start}
-        self._passes: list[tuple[float, BranchPass, list[int]]] = []
+        self._passes: list[BranchPass] = []
+        self._sides: list[tuple[int, int]] = []
 
-    def pass_with(self, one: BranchPass) -> BranchPass | None:
-        """Return the highest saddle on the lowest way, with one saddle more, if there is a way."""
-        sides = [self._number_of(minimum) for minimum in one.minima]
-        if _UNKNOWN not in sides:
-            self._passes.append((float(one.saddle.energy), one, sides))
-        # States that are joined have the same label.
-        labels = {number: number for number in (_DETACHED, *self._minima)}
-        for _, lowest, (here, there) in sorted(self._passes, key=itemgetter(0)):
-            old = labels[here]
-            new = labels[there]
-            labels = {number: new if x == old else x for number, x in labels.items()}
-            if labels[_START] == labels[_DETACHED]:
-                return lowest
-        return None
+    def climbs_with(self, one: BranchPass) -> list[Climb]:
+        """Return the climbs on the lowest way, with one saddle more; none if there is no way."""
+        near, far = map(self._number_of, one.minima)
+        if _UNKNOWN in (near, far):
+            return []
+        self._passes.append(one)
+        self._sides.append((near, far))
+        passes = passes_out([float(x.saddle.energy) for x in self._passes], self._sides)
+        return [self._climb(state, self._passes[number]) for state, number in passes.items()]
+
+    def _climb(self, state: int, over: BranchPass) -> Climb:
+        minimum = self._minima[state]
+        energy = _image(*self._inputs, minimum.gap).energy
+        return Climb(minimum, over, float(over.saddle.energy - energy))
 
     def _number_of(self, side: Equilibrium) -> int:
         """Return the number of a state beside a saddle."""

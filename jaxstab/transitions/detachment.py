@@ -56,11 +56,12 @@ class Detachment(Outcome):
         mean_life: 1 / k at the load at which it is held [time].
         pull_off: the last state without thermal motion, with its load.
         loads: from the given load to that of the pull-off [pressure].
-        barriers: B at each, to detached surfaces; zero at the pull-off [energy].
+        barriers: B at each, the largest climb on the way to detached surfaces; zero at the
+            pull-off [energy].
         errors: of the barriers between each load and the one before, estimated [energy].
         num_passes: at how many of the loads the pass was computed; the others are interpolated.
-        is_direct: whether each pass leads from the state straight to detached surfaces. Otherwise
-            there are minima between, and the barrier is that of the highest saddle.
+        is_direct: whether the state meets no other on the way to detached surfaces, at each load.
+            Otherwise the climb may begin at a minimum that is met.
         thermal_energy: kT [energy].
         attempt_rate: nu [1/time].
         rate: r, how fast the tension grows [pressure/time]; None if it is held.
@@ -201,11 +202,14 @@ def detachment(
     interpolated in the power in which they are smooth, with their exact slopes, until they are
     within 2 % of kT where they count.
 
-    The state is the one to which the contact comes by its load alone, through its jumps. Thermal
-    motion may lead over lower passes to other states before (`easiest_exit`): then this is
-    not the life until detachment. Nor is it shortly below a jump on the path, where the barrier of
-    the state vanishes: the state behind the jump, given by `initial` and followed from a smaller
-    tension, may hold longer. The function runs neither under `jax.jit` nor under `jax.vmap`.
+    If other minima are met on the way, the climb from one of them to the pass out of it may be
+    larger than the state's own, and takes longer: B is the largest. So it goes on through a jump of
+    the state, before which the state's own barrier vanishes.
+
+    The state is the one to which the contact comes by its load alone, through its jumps. Passes off
+    its branch are not found: thermal motion may lead over lower ones to other states before
+    (`easiest_exit`), and then this is not the life until detachment. The function runs neither
+    under `jax.jit` nor under `jax.vmap`.
 
     Arguments:
         contact: the contact problem.

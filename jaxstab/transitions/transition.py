@@ -1,7 +1,9 @@
 """The pass between two equilibria at one load: the saddle point and the heights of the barrier."""
 
+from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
+from operator import itemgetter
 from typing import Annotated, NamedTuple
 
 import equinox as eqx
@@ -38,7 +40,7 @@ from jaxstab.equilibrium.equilibrium import State, detached_where, state_at
 from jaxstab.equilibrium.posing import finished, posed
 from jaxstab.equilibrium.start import start_of
 from jaxstab.loads import Load, MeanPressure, require_loads
-from jaxstab.transitions.branch_pass import MAX_STEPS, Image, pass_on_branch
+from jaxstab.transitions.branch_pass import MAX_STEPS, Climb, Image, climbs_on_branch
 from jaxstab.transitions.saddle import Saddle, minima_beside, no_saddle, saddle_near
 from jaxstab.transitions.string import Landscape, String, StringMethod
 
@@ -46,6 +48,9 @@ from jaxstab.transitions.string import Landscape, String, StringMethod
 _MAX_ZOOMS = 5
 # A string that is drawn anew takes so few steps: with more its images slide down its sides.
 _FEW_STEPS = 8
+
+_IMAGES = 16
+_NOT_DETACHED = "No pass to detached surfaces was found at {!r}"
 
 # There and back; of the saddle, the start and the end. Detached surfaces are no end to come back
 # from.
@@ -119,7 +124,7 @@ def transition(
     start: ArrayLike | State,
     end: ArrayLike | State | None,
     *,
-    num_images: int = 16,
+    num_images: int = _IMAGES,
     throw: bool = True,
 ) -> Transition:
     """Return the pass between two equilibria at one load, on a path of least energy.
@@ -169,11 +174,8 @@ def transition(
     first = start_of(*inputs, start)
     if end is None:
         _require_pull(load)
-        constants = jax.lax.stop_gradient((*inputs, first))
-        with own_conventions(), progress_bar(MAX_STEPS, "states", shown=None, inputs=constants):
-            found = _search_detached(number, *constants)
-            found = _with_barriers(("there",), *inputs, found)
-        message = f"No pass to detached surfaces was found at {load!r}"
+        found, _ = _to_detached(number, itemgetter(0), *inputs, first)
+        message = _NOT_DETACHED.format(load)
     else:
         constants = jax.lax.stop_gradient((*inputs, first, start_of(*inputs, end)))
         with own_conventions():
@@ -181,6 +183,28 @@ def transition(
             found = _with_barriers(("there", "back"), *inputs, found)
         message = f"No pass was found between the two states at {load!r}"
     return finished(found, problem, lambda _: message, throw)
+
+
+def largest_climb(
+    contact: Contact, load: MeanPressure, start: ArrayLike | State
+) -> tuple[Transition, bool]:
+    """Return the largest climb on the way from a state to detached surfaces.
+
+    It is a transition from the minimum below it, which is the state itself if it meets no other on
+    the way: whether that is so, is returned too. See `transition` to None, for the same state.
+
+    Raises:
+        SolverError: if no pass is found.
+    """
+    problem = posed(contact, load)
+    inputs = problem.contact, problem.state
+    first = start_of(*inputs, start)
+    found, is_direct = _to_detached(_IMAGES, _largest, *inputs, first)
+    return finished(found, problem, lambda _: _NOT_DETACHED.format(load), True), is_direct
+
+
+def _largest(climbs: list[Climb]) -> Climb:
+    return max(climbs, key=lambda climb: climb.height)
 
 
 def pulls(load: Load) -> bool:
@@ -299,19 +323,29 @@ def _zoomed(landscape: Landscape, string: String) -> String:
     return StringMethod(max_steps=_FEW_STEPS).run(landscape, start).state
 
 
-def _search_detached(number: int, contact: Contact, load: Load, first: Field) -> Transition:
-    """Return the transition to detached surfaces from the minimum near a gap."""
-    require_known((contact, load, first), "A transition to detached surfaces")
-    start = find(contact, load, PreconditionedConjugateGradient(), first)
-    found, result = pass_on_branch(contact, load, start, number)
-    places = np.linspace(0, len(found.images) - 1, min(number, len(found.images)))
-    chosen = [found.images[i] for i in places.round().astype(int)]
-    images = stacked(chosen, chosen[0])
-    return _to_detached(contact, load, start, found.saddle, found.minima, images, result)
+def _to_detached(
+    number: int,
+    chosen: Callable[[list[Climb]], Climb],
+    contact: Contact,
+    load: Load,
+    first: Field,
+) -> tuple[Transition, bool]:
+    """Return the transition over a climb from the minimum near a gap, and whether it is alone."""
+    constants = jax.lax.stop_gradient((contact, load, first))
+    require_known(constants, "A transition to detached surfaces")
+    with own_conventions(), progress_bar(MAX_STEPS, "states", shown=None, inputs=constants):
+        start = find(*constants[:2], PreconditionedConjugateGradient(), constants[2])
+        climbs, result = climbs_on_branch(*constants[:2], start, number)
+        minimum, (saddle, minima, images), _ = chosen(climbs)
+        places = np.linspace(0, len(images) - 1, min(number, len(images)))
+        shown = [images[i] for i in places.round().astype(int)]
+        shown = stacked(shown, shown[0])
+        found = _over(*constants[:2], minimum, saddle, minima, shown, result)
+        return _with_barriers(("there",), contact, load, found), len(climbs) == 1
 
 
 @program
-def _to_detached(
+def _over(
     contact: Contact,
     load: Load,
     start: Equilibrium,
@@ -320,7 +354,7 @@ def _to_detached(
     images: Image,
     result: RESULTS,
 ) -> Transition:
-    """Return the transition from a state to detached surfaces."""
+    """Return the transition from a state over a saddle to detached surfaces."""
     is_found = result == RESULTS.successful
     top = state_at(contact, load, jnp.where(is_found, saddle.gap, jnp.nan))
     (there,) = _barriers((top.gap, start.gap), contact, load)

@@ -133,20 +133,57 @@ def test_a_state_at_the_load_but_for_rounding_is_one_to_begin_from(detaching):
         np.testing.assert_allclose(found.barriers[0], default.barriers[0], rtol=1e-8)
 
 
-# A contact whose state jumps before its pull-off, through a release.
-def test_barriers_on_both_sides_of_a_jump_are_those_of_its_states(detaching):
+@pytest.fixture(scope="module")
+def jumping(detaching):
+    """A contact whose state jumps before its pull-off, through a release, and its path."""
     line, _ = detaching
     heights = js.surfaces.self_affine(line.grid, jax.random.key(33), k_high=5, rms_height=0.08)
     contact = js.Contact(line.solid, heights, js.potentials.Exponential(0.02, 0.07))
-    options = {"thermal_energy": 3e-5, "attempt_rate": 1e6, "rate": 1e3}
-    found = js.detachment(contact, js.MeanPressure(-0.04), **options)
     path = js.follow(contact, js.MeanPressure(jnp.array([0.0, -0.06])), fields=True)
     assert len(path.jumps) == 2
-    for state, side in ((path.jumps.before[0], 0.99), (path.jumps.after[0], 1.01)):
-        load = js.MeanPressure(side * path.jumps.load.value[0])
-        there = js.transition(contact, load, state.gap, None).there
+    return contact, path
+
+
+def test_barriers_go_on_through_a_jump_as_those_of_the_state_that_holds_longest(jumping):
+    contact, path = jumping
+    energy = 3e-5
+    options = {"thermal_energy": energy, "attempt_rate": 1e6, "rate": 1e3}
+    found = js.detachment(contact, js.MeanPressure(-0.04), **options)
+    assert not found.is_direct and found.num_passes < 20
+    # The state behind the jump also lives at smaller tensions.
+    jump = float(path.jumps.load.value[0])
+    loads = js.MeanPressure(jump * jnp.array([1.0, 0.97]))
+    back = js.follow(contact, loads, initial=path.jumps.after[0], fields=True)
+    changes = 0
+    for part in (0.96, 0.973, 0.99, 0.999, 1.001, 1.02):
+        load = js.MeanPressure(part * jump)
+        states = [path.jumps.before[0].gap, back[-1].equilibrium.gap]
+        if part < 0.97:
+            states = states[:1]
+        if part > 1:
+            states = [path.jumps.after[0].gap]
+        climbs = [float(js.transition(contact, load, gap, None).there) for gap in states]
         between = np.interp(-load.value, -found.loads, found.barriers)
-        np.testing.assert_allclose(between, there, atol=0.02 * 3e-5)
+        np.testing.assert_allclose(between, max(climbs), atol=0.02 * energy)
+        changes += climbs[0] < max(climbs) - 0.1 * energy
+    assert changes == 2
+
+
+def test_shortly_before_a_jump_the_life_is_that_of_both_states(jumping):
+    """By the rates over the saddles between both, and out of the second."""
+    contact, path = jumping
+    energy = 1e-6
+    load = js.MeanPressure(0.995 * path.jumps.load.value[0])
+    before, after = (states[0].gap for states in (path.jumps.before, path.jumps.after))
+    on, back = js.transition(contact, load, before, after).barrier
+    out = js.transition(contact, load, after, None).there
+    assert on + out - back < out
+    onwards, backwards, outwards = (np.exp(-float(x) / energy) for x in (on, back, out))
+    life = (onwards + backwards + outwards) / (onwards * outwards)
+    options = {"thermal_energy": energy, "attempt_rate": 1.0}
+    start = js.equilibrate(contact, load, initial=before)
+    found = js.detachment(contact, load, initial=start, **options)
+    np.testing.assert_allclose(np.log(float(found.mean_life)), np.log(life), rtol=0.01)
 
 
 def test_a_detachment_prints_its_quantiles_with_units(detaching):

@@ -10,6 +10,7 @@ from brute_force import periodic_stiffness
 from problems import rough_contact
 
 import jaxstab as js
+from jaxstab.transitions.branch_pass import passes_out
 
 WORK, RANGE = 0.03, 0.2
 PARTS = 0.3, 0.5, 0.9, 0.98
@@ -258,3 +259,43 @@ def test_on_a_rough_surface_it_agrees_with_its_branch(part):
     height = potential(unstable, part * strongest) - potential(stable, part * strongest)
     np.testing.assert_allclose(found.barrier.there, height, rtol=1e-6)
     assert [state.result.name for state in found.minima] == ["successful", "pulled_off"]
+
+
+def log_of_median_life(wells, saddles, sides, thermal_energy):
+    """Return it, from state 1 to 0 by the rates over saddles, within a factor of two.
+
+    Chances after one step are squared, so that they are sums of positive numbers.
+    """
+    chances = np.zeros((len(wells) + 1,) * 2)
+    for energy, (one, other) in zip(saddles, sides, strict=True):
+        for here, there in (one, other), (other, one):
+            if here:
+                chances[here, there] += np.exp((wells[here - 1] - energy) / thermal_energy)
+    step = 0.1 / chances.sum(axis=1).max()
+    chances *= step
+    for doublings in range(3000):
+        np.fill_diagonal(chances, 0)
+        np.fill_diagonal(chances, 1 - chances.sum(axis=1))
+        if chances[1, 0] > 0.5:
+            return np.log(step) + doublings * np.log(2)
+        chances = chances @ chances
+    raise AssertionError
+
+
+def test_the_largest_climb_on_the_way_is_the_exponent_of_the_median_life():
+    random = np.random.default_rng(0)
+    energy = 3e-3
+    above = 0
+    for _ in range(100):
+        wells = random.uniform(0, 1, 5)
+        sides = [random.choice(6, 2, replace=False).tolist() for _ in range(7)]
+        sides += [[0, 5], [1, 2], [2, 3], [3, 4], [4, 5]]
+        saddles = [max(wells[i - 1] for i in pair if i) for pair in sides]
+        saddles = np.array(saddles) + random.uniform(0.05, 1, len(sides))
+        passes = passes_out(saddles, sides)
+        climbs = {state: saddles[number] - wells[state - 1] for state, number in passes.items()}
+        exponent = energy * log_of_median_life(wells, saddles, sides, energy)
+        np.testing.assert_allclose(max(climbs.values()), exponent, atol=4 * energy)
+        above += max(climbs.values()) > climbs[1] + 10 * energy
+    assert above > 20
+    assert passes_out([1.0, 2.0], [(1, 2), (3, 0)]) == {}
