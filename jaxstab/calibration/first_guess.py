@@ -23,6 +23,7 @@ from jaxstab.core.types import ArrayLike
 from jaxstab.core.units import LENGTHS, PRESSURES, shown_unit
 from jaxstab.core.warn import warn
 from jaxstab.force_curves import ForceCurve
+from jaxstab.force_curves.segment import SIGNIFICANT
 from jaxstab.potentials import Exponential, NoAdhesion, Potential
 from jaxstab.references import jkr, maugis, regime
 from jaxstab.solids import FreeHalfSpace
@@ -36,8 +37,6 @@ _FARTHEST = np.log(1e3)
 _ROUGHLY = 1e-4
 # The points of the closed form, with and without contact.
 _POINTS = 300
-# An attraction is seen if it exceeds the error of a mean so many times.
-_SEEN = 5.0
 # Of a curve without attraction the contact begins near this part of its largest force.
 _BEGIN = 0.1
 # The window ends where the undeformed gap is so many ranges at the deepest position.
@@ -199,7 +198,7 @@ def _fitted(
 
     deepest = float(np.max(force))
     attraction = -float(np.min(force))
-    if attraction < _SEEN / float(roots[np.argmin(force)]):
+    if attraction < SIGNIFICANT / float(roots[np.argmin(force)]):
         return _without_attraction(indentation, force, roots, radius)
     top = float(np.max(indentation))
     pull = float(indentation[np.argmin(force)])

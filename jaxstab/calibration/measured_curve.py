@@ -9,6 +9,7 @@ from jaxstab.core.checks import integer, require, require_one_of
 from jaxstab.core.units import LENGTHS, PRESSURES
 from jaxstab.force_curves import Baseline, ForceCurve, Segment
 from jaxstab.force_curves.correction import clocks_of, ends_of
+from jaxstab.force_curves.segment import SIGNIFICANT
 from jaxstab.loads import FarDisplacement, Load, Spring
 
 Parts = Literal["approach", "retraction", "both"]
@@ -19,9 +20,8 @@ _PARTS = {
 }
 # One mean where no force acts for so many in contact.
 _FAR = 6
-# Means over so many blocks of points that exceed their noise so many times are forces.
+# Forces are sought in means over so many blocks of points.
 _BLOCKS = 200
-_FORCES = 5.0
 _FEWEST_FAR = 10
 # Where the force bends means are over fewer points, and jumps divide some: one more for so many.
 _SPARE = 3
@@ -231,7 +231,7 @@ def _reach(height: np.ndarray, force: np.ndarray, noise: float) -> float:
     block = max(len(force) // _BLOCKS, 1)
     count = len(force) // block
     means = force[: count * block].reshape(count, block).mean(axis=1)
-    first = int(np.argmax(np.abs(means) > _FORCES * noise / np.sqrt(block))) * block
+    first = int(np.argmax(np.abs(means) > SIGNIFICANT * noise / np.sqrt(block))) * block
     lowest = float(height.min())
     depth = float(height[first]) - lowest
     # Some points are left beyond.

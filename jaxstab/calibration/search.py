@@ -30,11 +30,10 @@ _NEAR = 0.2
 _NEAREST = 0.02
 # Fits agree on the least misfit within this fraction of it.
 _AGREEMENT = 0.25
-# Logarithms of the profile on each side, up to a factor of four. The nearest are at most so many
-# standard errors away, since points that detach one by one make minima beside each other.
-_DISTANCES = np.array([0.05, 0.1, 0.2, 0.4, 0.6, 0.8, 1.0, 1.2, 1.4])
-_IN_ERRORS = np.array([1, 2.5, *[np.inf] * 7])
-_ON_A_SIDE = len(_DISTANCES)
+# Logarithms of the profile on each side up to a factor of four, beyond one and two standard errors:
+# points that detach one by one make minima beside each other.
+_DISTANCES = np.arange(1, 8) / 5
+_ON_A_SIDE = 2 + len(_DISTANCES)
 _IN_PROFILE = 2 * _ON_A_SIDE
 # A few steps are enough for the other parameters, which start from the profile's value before.
 _PROFILE_STEPS = 4
@@ -132,6 +131,11 @@ class Search(eqx.Module):
         return RESULTS.where(is_confirmed, RESULTS.successful, self.best.result)
 
     @property
+    def resolution(self) -> Scalar:
+        """The difference in the weakest parameter from which minima are distinct."""
+        return jnp.clip(self.error, _SAME, _APART)
+
+    @property
     def num_minima(self) -> Int[Array, ""]:
         """The number of minima of the misfit, distinct in the weakest parameter."""
 
@@ -139,7 +143,7 @@ class Search(eqx.Module):
             return jnp.where(_has_ended(fits.results), fits.free[:, self.weakest], jnp.inf)
 
         at = jnp.sort(jnp.concatenate([ends(self.starts), ends(self.refits)]))
-        is_apart = at[1:] - at[:-1] > jnp.clip(self.error, _SAME, _APART)
+        is_apart = at[1:] - at[:-1] > self.resolution
         return jnp.sum(is_apart & jnp.isfinite(at[1:])) + jnp.isfinite(at[0])
 
     def errors(self, problem: FitProblem, held: Chosen, errors: Values) -> Values:
@@ -245,7 +249,8 @@ class Plan:
 
     def _along_profile(self, place: Array, so_far: Search) -> Trial:
         """Return a fit of the other variables, from the fit beside it, nearer to the centre."""
-        reach = jnp.minimum(_DISTANCES, jnp.maximum(so_far.error, _SAME) * _IN_ERRORS)
+        near = so_far.resolution
+        reach = jnp.concatenate([jnp.stack([near, 2 * near]), _DISTANCES])
         offset = jnp.concatenate([-reach, reach])[place]
         is_nearest = (place == 0) | (place == _ON_A_SIDE)
         start = jnp.where(is_nearest, so_far.centre, so_far.profile.free[place - 1])

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from jaxstab.core.units import typeset
-from jaxstab.force_curves.segment import Segment
+from jaxstab.force_curves.segment import SIGNIFICANT, Segment
 
 _FEWEST = 50
 _FEWEST_PRESSED = 10
@@ -23,14 +23,10 @@ _BLOCKS = 20
 # goes on by this factor at most, so that it extrapolates little.
 _START = 0.1
 _STEP = 1.25
-# A mean over a block of points is a force if it exceeds its own standard deviation so many times.
-_ABOVE_NOISE = 5.0
 # The part next to the first force is left out, since the force begins below the noise.
 _MARGIN = 0.2
 # A baseline that covers more of the points leaves no contact.
 _MOST = 0.95
-# A contact exceeds the noise so many times.
-_CONTACT = 5.0
 # The parts of the largest force, above the least, from which the contact point follows.
 _LOWER, _UPPER = 0.03, 0.6
 # A retraction has not detached if its far part rises by this part of the force range.
@@ -327,7 +323,7 @@ def _free_of_force(line: _Line, height: np.ndarray, force: np.ndarray, block: in
     noise = np.std(means[:inside])
     away = np.stack([np.ones(len(means)), _means(height, block) - line.height])
     errors = np.sqrt(noise**2 + np.einsum("ij,ik,kj->j", away, line.covariance, away))
-    is_force = np.abs(means) > _ABOVE_NOISE * errors
+    is_force = np.abs(means) > SIGNIFICANT * errors
     is_force[:inside] = False
     return int((1 - _MARGIN) * np.argmax(is_force) * block) if is_force.any() else len(force)
 
@@ -385,12 +381,12 @@ def _require_contact(name: str, segment: Segment, noise: float) -> None:
     is_present = segment.is_present
     order = np.argsort(segment.height[is_present])
     deepest = np.mean(segment.force[is_present][order[:5]])
-    if deepest < -_CONTACT * noise:
+    if deepest < -SIGNIFICANT * noise:
         raise ValueError(
             f"The {name} pulls where it is deepest, by {-deepest:.3g}: if attraction is positive "
             "in the file, reverse the forces by `-curve`."
         )
-    if deepest < _CONTACT * noise:
+    if deepest < SIGNIFICANT * noise:
         raise ValueError(
             f"The {name} has no contact: where it is deepest its force is {deepest:.3g}, with a "
             f"noise of {noise:.3g}."
@@ -486,7 +482,7 @@ def _contact(segment: Segment, constant: float, noise: float) -> tuple[float, fl
             "follows: measure more slowly, or with more points."
         )
     # The block means of a force that is nowhere negative scatter about zero.
-    attraction = attraction if attraction > _ABOVE_NOISE * error else 0.0
+    attraction = attraction if attraction > SIGNIFICANT * error else 0.0
     # The variables are d, K^(-2/3), and a factor of the attraction, which is about one.
     found = np.array([0.0, 0.0, 1.0])
     prior = noise / _FACTOR_ERROR

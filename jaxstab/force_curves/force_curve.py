@@ -10,7 +10,7 @@ from jaxstab.core.checks import require_one_of
 from jaxstab.core.optional_packages import require_packages
 from jaxstab.core.units import FORCES, LENGTHS, symbol_of, typeset, unit_of
 from jaxstab.force_curves.correction import Correction, correct
-from jaxstab.force_curves.segment import Segment
+from jaxstab.force_curves.segment import SIGNIFICANT, Segment
 
 # Xarray is imported where it is used, since its import is slow.
 if TYPE_CHECKING:
@@ -20,8 +20,6 @@ BASELINES = ("linear", "constant")
 # The parts of a curve that is far from the sample, and deepest in it.
 _FAR = 0.25
 _DEEP = 0.02
-# A force at the deepest points is one if it exceeds the noise so many times.
-_ABOVE_NOISE = 6.0
 
 
 class ForceCurveWarning(UserWarning):
@@ -267,7 +265,7 @@ def _is_reversed(segment: Segment) -> bool:
     zero = np.median(far)
     noise = 1.4826 * np.median(np.abs(far - zero))
     deep = np.median(force[order[: max(int(_DEEP * count), 1)]]) - zero
-    return bool(deep < -_ABOVE_NOISE * noise and -deep > force.max() - zero)
+    return bool(deep < -SIGNIFICANT * noise and -deep > force.max() - zero)
 
 
 def _times(value: float | None, factor: float) -> float | None:

@@ -4,6 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+# A force is told from noise if it exceeds its standard error so many times.
+SIGNIFICANT = 5.0
 _NO_SPRING = (
     "The tip position is unknown, since the curve has no spring constant: give it in N/m, as in "
     "js.force_curves.read(path, spring_constant=0.2)."
