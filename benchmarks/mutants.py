@@ -1,10 +1,10 @@
 """Small changes of the code, one at a time: which of them do the tests notice?
 
 A change replaces an operator or a comparison by another one, a number by another one, or a minus by
-a plus. Each runs in a copy of the package with the tests of its package and of the packages that
-use it most, the quick files first, up to the first failure. A test that takes too long counts as
-one that fails. A change that all tests pass has survived: either it changes no answer, or a test is
-missing.
+a plus. Each meets, in a copy of the package, first the tests that run its line, then all tests of
+its package and of the packages that use it most, those with its name and the quick ones first, up
+to the first failure. A test that takes too long counts as one that fails. A change that all tests
+pass has survived: either it changes no answer, or a test is missing.
 
 Messages, annotations, decorators and the named constants of a module or a class that bound or tune
 a search stay as they are: they may change without a change of an answer. The order of the draw
@@ -27,6 +27,8 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import NamedTuple
 from xml.etree import ElementTree
+
+from coverage import CoverageData
 
 ROOT = Path(__file__).parents[1]
 # The packages whose code is changed, and the folders of tests beside their own that run.
@@ -213,7 +215,7 @@ def replacements(node: ast.AST) -> Iterator[tuple[str, object]]:
 
 
 class Tests:
-    """The tests, in a copy of the repository, and the seconds that each file of them takes."""
+    """The tests, in a copy of the repository, with the seconds and the lines of each."""
 
     def __init__(self, folder: Path, rooms: list[str]):
         self.folder = folder
@@ -221,6 +223,8 @@ class Tests:
             shutil.copytree(ROOT / name, folder / name)
         shutil.copy(ROOT / "pyproject.toml", folder)
         self.environment = os.environ | {"PYTHONPATH": str(folder)}
+        # Each run reads the compiled code of all modules but the changed one.
+        self.environment.pop("PYTHONDONTWRITEBYTECODE", None)
         programs = {
             "JAX_COMPILATION_CACHE_DIR": str(folder / "programs"),
             "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "0.2",
@@ -230,17 +234,19 @@ class Tests:
         for name, value in programs.items():
             self.environment.setdefault(name, value)
         folders = set(rooms) | {user for room in rooms for user in USERS[room]}
-        if self.failure([Path("tests", name) for name in sorted(folders)]) is not None:
+        measured = ("--junitxml=report.xml", "--cov=jaxstab", "--cov-context=test", "--cov-report=")
+        if self.failure([f"tests/{name}" for name in sorted(folders)], *measured) is not None:
             raise RuntimeError(f"The unchanged code fails:\n{self.output}")
-        self.seconds = self.measured()
+        self.read_measured()
 
-    def measured(self) -> dict[Path, float]:
-        """Return the seconds of each file in the last run."""
-        seconds = defaultdict(float)
+    def read_measured(self) -> None:
+        """Read the seconds of each test and the lines that it runs from the reports of a run."""
+        self.seconds: dict[str, float] = {}
         for case in ElementTree.parse(self.folder / "report.xml").iter("testcase"):
-            path = Path(*case.get("classname").split(".")).with_suffix(".py")
-            seconds[path] += float(case.get("time"))
-        return seconds
+            file = case.get("classname").replace(".", "/") + ".py"
+            self.seconds[f"{file}::{case.get('name')}"] = float(case.get("time"))
+        self.lines = CoverageData(str(self.folder / ".coverage"))
+        self.lines.read()
 
     def notice(self, change: Change) -> tuple[str | None, float]:
         """Return the first test that fails under a change, or None, and the seconds it takes."""
@@ -248,29 +254,42 @@ class Tests:
         target.write_text(change.mutated())
         start = time.perf_counter()
         try:
-            failure = self.failure(list(self.in_order(change.path)))
+            nearest = self.that_run(change)
+            failure = self.failure(nearest) if nearest else None
+            failure = failure or self.failure(self.of_users(change.path))
         finally:
             shutil.copy(ROOT / change.path, target)
         return failure, time.perf_counter() - start
 
-    def in_order(self, module: Path) -> Iterator[Path]:
-        """Yield the files of tests that see a module, those with its name and quick ones first."""
+    def that_run(self, change: Change) -> list[str]:
+        """Return the tests that run the line of a change, except those that find it traced."""
+        contexts = self.lines.contexts_by_lineno(str(self.folder / change.path))
+        # A context is a test and its phase.
+        tests = {context.rpartition("|")[0] for context in contexts.get(change.line, [])}
+        tests &= self.seconds.keys()
+        return in_order(change.path, {test: self.seconds[test] for test in tests})
 
-        def place(path: Path) -> tuple[bool, float]:
-            return module.stem not in path.stem, self.seconds[path]
-
+    def of_users(self, module: Path) -> list[str]:
+        """Return the files of tests of a module's package and then those of its users."""
+        files = defaultdict(float)
+        for test, seconds in self.seconds.items():
+            files[test.partition("::")[0]] += seconds
         room = module.parts[1]
-        for folder in (room, *USERS[room]):
-            yield from sorted((path for path in self.seconds if path.parts[1] == folder), key=place)
+        return [
+            file
+            for folder in (room, *USERS[room])
+            for file in in_order(module, files)
+            if file.startswith(f"tests/{folder}/")
+        ]
 
-    def failure(self, paths: list[Path]) -> str | None:
+    def failure(self, tests: list[str], *options: str) -> str | None:
         """Run tests up to the first failure, and return its name."""
-        options = ("-q", "-x", "-o", "addopts=", "-m", "not nightly", "--tb=no")
+        options += ("-q", "-x", "-o", "addopts=", "-m", "not nightly", "--tb=no")
         limit = (f"faulthandler_timeout={LONGEST_TEST}", "faulthandler_exit_on_timeout=true")
-        command = [sys.executable, "-m", "pytest", *options, "--junitxml=report.xml"]
+        command = [sys.executable, "-m", "pytest", *options]
         command += [part for each in limit for part in ("-o", each)]
         done = subprocess.run(
-            [*command, *map(str, paths)],
+            [*command, *tests],
             cwd=self.folder,
             env=self.environment,
             capture_output=True,
@@ -284,6 +303,11 @@ class Tests:
         if named:
             return named[0].removeprefix("tests/")
         return "the time limit" if "Timeout (" in self.output else "import"
+
+
+def in_order(module: Path, seconds: dict[str, float]) -> list[str]:
+    """Return tests or their files, those with the name of a module and the quick ones first."""
+    return sorted(seconds, key=lambda test: (module.stem not in test, seconds[test]))
 
 
 if __name__ == "__main__":
