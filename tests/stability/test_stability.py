@@ -85,12 +85,14 @@ def test_histories_of_algorithm_1_show_all_indicators_falling(hertz):
 
 def test_algorithm_1_takes_the_steps_that_its_condition_allows(hertz):
     equilibrium = js.equilibrate(hertz, js.MeanDisplacement(1.2))
-    # The bound on |A| is not below the bounds on K and on D.
-    beta = float(hertz.solid.max_stiffness + 10)
-    halved = js.ProximalIteration(tau=0.5 / beta, sigma=beta / 2)
-    pair = js.assess_stability(hertz, equilibrium, halved).cone
+    # A law that attracts at all gaps adds nothing to the bound on |A|.
+    beta = float(hertz.solid.max_stiffness)
+    default = js.assess_stability(hertz, equilibrium, js.ProximalIteration()).cone
+    given = js.ProximalIteration(tau=1 / beta, sigma=beta / 2)
+    pair = js.assess_stability(hertz, equilibrium, given).cone
     assert pair.eigenvalue == pytest.approx(-4.5537, abs=5e-5)
-    long = js.ProximalIteration(tau=4 / beta, sigma=beta / 2)
+    assert pair.num_steps == default.num_steps
+    long = js.ProximalIteration(tau=1.1 / beta, sigma=beta / 2)
     with pytest.raises(js.SolverError, match=r"long_steps.*Lower `tau` or `sigma`"):
         js.assess_stability(hertz, equilibrium, long)
     with pytest.raises(ValueError, match=r"tau is -1\.0"):

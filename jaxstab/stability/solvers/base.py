@@ -10,6 +10,7 @@ from jaxstab.contact.hessian import Block, SymmetricOperator
 from jaxstab.core.display import inline
 from jaxstab.core.loop import Iteration, IterativeSolver
 from jaxstab.core.types import Field
+from jaxstab.core.units import Dimensioned
 from jaxstab.stability.cones import AdmissibleCone, Subspace
 from jaxstab.stability.eigenpair import Minimum
 
@@ -53,11 +54,12 @@ class Eigensolver(IterativeSolver):
         return Minimum(found.state, found.num_steps, found.num_steps, found.result, found.history)
 
 
-class ConeSolver(Eigensolver):
+class ConeSolver(Eigensolver, Dimensioned):
     """An algorithm for the smallest eigenvalue on a cone.
 
     A subclass gives `init`, from a block of vectors to start from, `step` and `measure`; and
-    `minimum`, where its state is not the vector.
+    `minimum`, where its state is not the vector. Fields that hold pressures declare their
+    dimension, since `assess_stability` solves in the contact's characteristic pressure.
     """
 
     def solve(

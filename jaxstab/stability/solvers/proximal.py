@@ -12,7 +12,7 @@ The problem is not convex, so the result is a local minimiser.
 """
 
 from collections.abc import Mapping
-from typing import ClassVar
+from typing import Annotated, ClassVar
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -25,8 +25,11 @@ from jaxstab.core.history import Indicators
 from jaxstab.core.loop import Iteration, integer_parameter, optional_parameter
 from jaxstab.core.results import RESULTS
 from jaxstab.core.types import Field, Scalar
+from jaxstab.core.units import STIFFNESS, Dimension
 from jaxstab.stability.eigenpair import Minimum, admissible_pair, descended, unit_vector
 from jaxstab.stability.solvers.base import ConeSolver, Eigenproblem
+
+_COMPLIANCE = Dimension("length/pressure")
 
 
 class _PrimalDual(eqx.Module):
@@ -56,8 +59,12 @@ class ProximalIteration(ConeSolver):
 
     tolerance: Scalar | None = eqx.field(converter=optional_parameter, default=None)
     max_steps: Int[Array, ""] = eqx.field(converter=integer_parameter, default=200_000)
-    tau: Scalar | None = eqx.field(converter=optional_parameter, default=None)
-    sigma: Scalar | None = eqx.field(converter=optional_parameter, default=None)
+    tau: Annotated[Scalar, _COMPLIANCE] | None = eqx.field(
+        converter=optional_parameter, default=None
+    )
+    sigma: Annotated[Scalar, STIFFNESS] | None = eqx.field(
+        converter=optional_parameter, default=None
+    )
 
     default_tolerance: ClassVar[Mapping[str, float]] = {"float64": 1e-7, "float32": 1e-5}
     patience: ClassVar[int] = 40_000
