@@ -126,3 +126,12 @@ def test_usual_heights_stay_as_they_are():
     above = axes.images[0].get_array().mean()
     np.testing.assert_allclose(above + float(far.datum), 100 + heights.mean(), atol=1e-6)
     assert f"above {float(far.datum):.6g}" in axes.images[0].colorbar.ax.get_ylabel()
+
+
+@pytest.mark.parametrize("datum", [1.0, -3.0, 1e4])
+@pytest.mark.parametrize("kind", [np.asarray, jnp.asarray])
+def test_heights_far_from_zero_are_kept_relative_to_their_first(datum, kind):
+    waves = 1e-3 * np.outer(np.sin(np.arange(8)), np.ones(8))
+    contact = js.Contact(js.HalfSpace(js.Grid(8), 1.0), kind(datum + waves), LAW)
+    assert contact.datum == datum
+    np.testing.assert_allclose(contact.heights, waves, atol=4e-16 * abs(datum))
