@@ -84,6 +84,8 @@ def test_an_interrupt_at_any_line_leaves_whole_records(tmp_path):
     whole = js.follow(contact, turns, fields=True)
     first = int(whole.jumps.state[0])
     code, lines = Recording.append.__code__, []
+    # That of a measurement of coverage, if there is one.
+    tracer = sys.gettrace()
 
     def interrupted_at(number):
         """Return a tracer that interrupts at a line, counted from the one at a jump."""
@@ -108,7 +110,7 @@ def test_an_interrupt_at_any_line_leaves_whole_records(tmp_path):
             with pytest.warns(js.PathInterrupted):
                 path = js.follow(contact, turns, fields=True)
         finally:
-            sys.settrace(None)
+            sys.settrace(tracer)
         states, jumps = len(path.load.value), len(path.jumps.state)
         assert path.result == "interrupted"
         assert path.equilibrium.gap.shape[0] == states
