@@ -292,7 +292,7 @@ def limit_of(problem: ContinuationProblem, branch: BranchState) -> Limit:
     def step(search: _LimitSearch) -> _LimitSearch:
         bracket = search.bracket
         old = cond(bracket.is_past, lambda: search.before, lambda: search.after)
-        old = replace(old, step=replace(old.step, length=bracket.length, turns=array(False)))
+        old = replace(old, step=replace(old.step, length=bracket.length))
         new = next_state(problem, old)
         return _LimitSearch(old, new, _narrowed(problem, bracket, old, new))
 
