@@ -78,6 +78,28 @@ def test_flat_surfaces_without_adhesion_are_in_balance():
     assert residual_of(contact, jnp.full(grid.shape, 0.3)) == 0
 
 
+def test_between_flat_surfaces_the_residual_is_relative_to_attraction_and_load():
+    contact = js.Contact(
+        js.HalfSpace(js.Grid(8), 1.0), jnp.zeros((8, 8)), js.potentials.Exponential(1.0, 1.0)
+    )
+    balance = contact.balance(contact.control(js.MeanPressure(-0.5)))
+    attraction = np.exp(-0.5)
+    expected = (attraction - 0.5) / (attraction + 0.5)
+    np.testing.assert_allclose(balance(jnp.full((8, 8), 0.5)).residual, expected)
+
+
+def test_the_residual_of_rounding_does_not_depend_on_the_unit_of_length():
+    wave = 1 + 1e-8 * np.cos(2 * np.pi * np.arange(8) / 8)[:, None] * np.ones(8)
+
+    def residual(unit):
+        solid = js.HalfSpace(js.Grid(8, unit), 1.0)
+        contact = js.Contact(solid, jnp.zeros((8, 8)), js.potentials.NoAdhesion())
+        return residual_of(contact, jnp.asarray(unit * wave))
+
+    assert 1e-9 < residual(1.0) < 0.1
+    np.testing.assert_allclose(residual(1e3), residual(1.0), rtol=1e-6)
+
+
 @pytest.mark.parametrize(
     ("heights", "message"),
     [
