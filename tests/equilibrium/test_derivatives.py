@@ -249,6 +249,26 @@ def test_a_sweep_has_the_derivatives_of_its_states(contact, single_rates, order)
             np.testing.assert_allclose(rate[i], expected, rtol=1e-5)
 
 
+def test_at_the_fold_of_flat_surfaces_is_no_derivative_and_beside_it_there_is():
+    """Flat surfaces on a spring snap together where it is as stiff as the attraction."""
+    stiffness, length, gap = 2.0, 0.1, 0.3
+    law = js.potentials.Exponential(stiffness * length**2 * np.exp(gap / length), length)
+    contact = js.Contact(js.HalfSpace(js.Grid(8), 10.0), jnp.zeros((8, 8)), law)
+
+    def mean_gap(position):
+        load = js.Spring(position, stiffness)
+        found = js.equilibrate(contact, load, initial=jnp.full((8, 8), 0.6), throw=False)
+        return jnp.mean(found.gap)
+
+    value_and_slope = jax.value_and_grad(mean_gap)
+    fold = gap + length
+    found, slope = value_and_slope(fold)
+    assert found == pytest.approx(gap, abs=1e-3)
+    assert jnp.isnan(slope)
+    found, slope = value_and_slope(fold + 0.05)
+    assert slope == pytest.approx(1 / (1 - np.exp((gap - found) / length)), rel=1e-6)
+
+
 def test_single_precision_has_derivatives(contact):
     single = js.Contact(contact.solid, contact.heights.astype(jnp.float32), contact.potential)
 

@@ -65,8 +65,9 @@ def test_patches_are_those_of_a_graph_and_of_tiles(neighbours, share):
         np.testing.assert_array_equal(found.percolates, spanning_in_tiles(mask, neighbours))
 
 
-def test_a_diagonal_stripe_goes_around_both_sides():
-    mask = np.eye(6, dtype=bool)
+@pytest.mark.parametrize("turn", [1, -1])
+def test_a_diagonal_stripe_goes_around_both_sides(turn):
+    mask = np.eye(6, dtype=bool)[::turn]
     contact, state = touching(mask)
     assert js.patches(contact, state).number == 6
     assert not js.patches(contact, state).percolates.any()
