@@ -57,7 +57,9 @@ class BarrierLaw(Outcome):
 
     def in_units_of(self, pressure: Scalar) -> "BarrierLaw":
         """Return the same with pressures in another unit, given in the old one."""
-        unit = pressure if self.load_unit == "pressure" else jnp.ones_like(pressure)
+        unit = jnp.ones_like(pressure)
+        if self.load_unit == "pressure":
+            unit = pressure
         coefficient = self.coefficient * unit**self.exponent / pressure
         return BarrierLaw(self.exponent, coefficient, self.range / unit, self.load_unit)
 

@@ -62,14 +62,15 @@ class Branch(StateSequence):
     @display.readable
     def __repr__(self) -> str:
         index = np.asarray(self.index)
-        unknown = f"{np.sum(index < 0)} of unknown index, " if np.any(index < 0) else ""
-        lines = [
-            f"Branch: {self._extent}, {np.sum(index > 0)} of them unstable, {unknown}"
-            f"{several(len(self.turns), 'turn')}; "
-            f"ends {str(KINDS[self.end]).split(': ', 1)[1]}; {self.result.name}"
-        ]
-        table = [display.table(_turns(self.turns))] if len(self.turns) else []
-        return "\n".join([*lines, *table])
+        parts = [f"{self._extent}", f"{np.sum(index > 0)} of them unstable"]
+        if np.any(index < 0):
+            parts.append(f"{np.sum(index < 0)} of unknown index")
+        parts.append(several(len(self.turns), "turn"))
+        end = str(KINDS[self.end]).split(": ", 1)[1]
+        lines = [f"Branch: {', '.join(parts)}; ends {end}; {self.result.name}"]
+        if len(self.turns):
+            lines.append(display.table(_turns(self.turns)))
+        return "\n".join(lines)
 
 
 def _turns(turns: Turn) -> dict[str, list[str]]:

@@ -163,8 +163,11 @@ def _problem(
     size = curve.length(here.at)
     longest = LONGEST * jnp.abs(last - first) / jnp.where(speed > 0, speed, 1)
     longest = jnp.where(size > 0, jnp.minimum(longest, size), longest)
-    longest = longest if max_step is None else max_step.astype(dtype)
-    shortest = SHORTEST[dtype.name] * longest if min_step is None else min_step.astype(dtype)
+    if max_step is not None:
+        longest = max_step.astype(dtype)
+    shortest = SHORTEST[dtype.name] * longest
+    if min_step is not None:
+        shortest = min_step.astype(dtype)
     problem = ContinuationProblem(curve, first, last, longest, shortest, to_limit)
     return problem, _FIRST * longest
 

@@ -115,12 +115,8 @@ def continuation(
     load = two_loads(load, contact, "continuation takes two loads", cure)
     number = integer("max_states", max_states)
     require("max_states", number, number >= 2, "a branch has two states at least.")
-    given = {"max_step": max_step, "min_step": min_step}
-    steps = [None if step is None else scalar_parameter(step, x) for x, step in given.items()]
-    for name, step in zip(given, steps, strict=True):
-        if step is not None:
-            require_positive(name, step)
-    longest, shortest = steps
+    longest = _positive("max_step", max_step)
+    shortest = _positive("min_step", min_step)
     if longest is not None and shortest is not None:
         require("min_step", shortest, shortest <= longest, "give at most `max_step`.")
     is_state = isinstance(initial, eqx.Module)
@@ -128,7 +124,7 @@ def continuation(
     warn_if_coarse(contact, FOR_JUMPS)
     problem = posed(contact, load)
     start = start_of(problem.contact, problem.state[0], initial)
-    given = problem.contact, problem.state, start, steps
+    given = problem.contact, problem.state, start, [longest, shortest]
     constants = jax.lax.stop_gradient(refuse_derivatives(given))
     with own_conventions(), progress_bar(number, "states", shown=progress, inputs=constants):
         branch = _search(number, fields, is_state, *constants)
@@ -138,6 +134,14 @@ def continuation(
     if held:
         warn("Ctrl-C came after the last state of the branch, which is kept.", PathInterrupted)
     return branch
+
+
+def _positive(name: str, step: ArrayLike | None) -> Scalar | None:
+    if step is None:
+        return None
+    length = scalar_parameter(step, name)
+    require_positive(name, length)
+    return length
 
 
 def _search(
@@ -159,7 +163,9 @@ def _search(
 def _begun(
     is_state: bool, contact: Contact, load: Load, start: Field, steps: list[Scalar | None]
 ) -> Begun:
-    solver = SaddleNewton() if is_state else PreconditionedConjugateGradient()
+    solver = PreconditionedConjugateGradient()
+    if is_state:
+        solver = SaddleNewton()
     problem, branch = begin(contact, load, find(contact, load[0], solver, start), *steps)
     return problem, branch, *entry_of(problem, branch)
 
@@ -239,7 +245,9 @@ def _describe(load: Load, branch: Branch) -> str:
     number = several(len(branch), "state")
     last = float(branch.load.value[-1])
     # Without a first state there is no load, nor an end.
-    last = float(load.value[0]) if math.isnan(last) else last
-    where = f"{type(load).__name__}({last:.6g}) after {number}"
-    is_end = branch.end != KINDS.states
-    return f"The branch ended at {where}" + (f", {KINDS[branch.end]}" if is_end else "")
+    if math.isnan(last):
+        last = float(load.value[0])
+    sentence = f"The branch ended at {type(load).__name__}({last:.6g}) after {number}"
+    if branch.end != KINDS.states:
+        sentence += f", {KINDS[branch.end]}"
+    return sentence

@@ -18,7 +18,7 @@ from jaxstab.branches.curve import TANGENT_ACCURACY, Curve, Forces, Place, Point
 from jaxstab.contact.hessian import Hessian
 from jaxstab.core import model
 from jaxstab.core.accuracy import EQUILIBRIUM, EXACT
-from jaxstab.core.checks import array
+from jaxstab.core.checks import as_array
 from jaxstab.core.compile import program
 from jaxstab.core.control_flow import choose, zeros_of
 from jaxstab.core.grid import total
@@ -149,10 +149,10 @@ def correct(
         fine: the accuracy of the direction; by default that of tangents.
     """
     dtype = start.gap.dtype
-    fine = TANGENT_ACCURACY if fine is None else fine
+    if fine is None:
+        fine = TANGENT_ACCURACY
     # Numbers of one type, so that all searches share one program.
-    close, fine = (x if isinstance(x, jax.Array) else array(x, dtype) for x in (close, fine))
-    return _newton(problem, start, ahead, near, close, fine)
+    return _newton(problem, start, ahead, near, as_array(close, dtype), as_array(fine, dtype))
 
 
 def direction_at(

@@ -272,6 +272,8 @@ def _value_of(contact: Contact, load: Load) -> tuple[Scalar, Point]:
         return mean(control.net_pressure(0 * gap, level * gap))
 
     by_value, by_mean = jax.grad(error, (0, 1))(nothing, nothing)
-    by_pressure = 0 * by_value if fixes_mean else -jnp.ones_like(by_value)
+    by_pressure = -jnp.ones_like(by_value)
+    if fixes_mean:
+        by_pressure = 0 * by_value
     row = Point(-by_mean / by_value * gap / gap.size, -by_pressure / by_value)
     return -error(nothing, nothing) / by_value, row

@@ -238,7 +238,9 @@ def _horizon(load: Load, gap: Field, ahead: Scalar) -> Scalar:
     pressure. The origin of lengths does not matter.
     """
     tolerance = PreconditionedConjugateGradient().tolerance_in(gap.dtype)
-    size = mean(gap) if load.unit == "length" else jnp.abs(load.value)
+    size = jnp.abs(load.value)
+    if load.unit == "length":
+        size = mean(gap)
     return jnp.sign(ahead) * jnp.maximum(jnp.abs(ahead), tolerance * size)
 
 

@@ -10,10 +10,9 @@ from jaxtyping import Array, Float, Int
 from jaxstab.contact import Contact
 from jaxstab.contact.hessian import Block
 from jaxstab.core.accuracy import EQUILIBRIUM, NEGLIGIBLE
-from jaxstab.core.checks import array
+from jaxstab.core.checks import array, as_array
 from jaxstab.core.compile import program
 from jaxstab.core.control_flow import cond
-from jaxstab.core.loop import integer_parameter
 from jaxstab.core.results import RESULTS
 from jaxstab.core.types import Field, Flag, Mask
 from jaxstab.loads import Load
@@ -48,7 +47,7 @@ class _CurveDavidson(Davidson):
         signs_only: whether the signs of all eigenvalues are sought instead.
     """
 
-    number: Int[Array, ""] = eqx.field(converter=integer_parameter, default=1)
+    number: Int[Array, ""] = eqx.field(converter=as_array, default=1)
     signs_only: Flag = eqx.field(converter=array, default=False)
 
     def doubts(self, problem: ModesProblem, state: Any) -> Float[Array, " count"]:

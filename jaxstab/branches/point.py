@@ -50,6 +50,9 @@ def point_of(contact: Contact, found: Equilibrium, value: Scalar) -> PathPoint:
     load = found.load.at(value)
     mean_gap = mean(found.gap)
     held, force = supply_of(contact, load, mean_gap, found.mean_pressure)
+    stored = found.energy
+    if contact.control(load).stores_energy:
+        stored = found.energy + held
     return PathPoint(
         value,
         found.gap,
@@ -57,7 +60,7 @@ def point_of(contact: Contact, found: Equilibrium, value: Scalar) -> PathPoint:
         found.mean_pressure,
         found.contact_area,
         found.energy,
-        found.energy + (held if contact.control(load).stores_energy else 0),
+        stored,
         found.energy + held,
         force,
         jnp.zeros_like(held),
@@ -67,6 +70,9 @@ def point_of(contact: Contact, found: Equilibrium, value: Scalar) -> PathPoint:
 def states_along(contact: Contact, one: Load, points: PathPoint) -> tuple[Load, States]:
     """Return the loads and the states of points along a path, given the load at any value."""
     loads = jax.tree.map(lambda leaf: jnp.broadcast_to(leaf, points.value.shape), one)
+    gaps = None
+    if points.gap.size:
+        gaps = points.gap
     return loads.at(points.value), States(
         points.mean_gap,
         points.mean_pressure,
@@ -75,7 +81,7 @@ def states_along(contact: Contact, one: Load, points: PathPoint) -> tuple[Load, 
         points.energy,
         points.stored - points.stored[0] + points.dissipation,
         points.dissipation,
-        points.gap if points.gap.size else None,
+        gaps,
         contact.units,
         contact.solid.is_window,
     )

@@ -7,7 +7,7 @@ import numpy as np
 
 from jaxstab.core.display import column
 from jaxstab.core.types import ArrayLike
-from jaxstab.core.units import NUMBER, Units, readable_unit, shown_unit
+from jaxstab.core.units import NUMBER, Units, named_with_unit, readable_unit, shown_unit
 from jaxstab.loads import Load
 
 
@@ -18,14 +18,14 @@ def measured_columns(
     arrays = [np.asarray(values) for values in named.values()]
     largest = max(np.abs(values[np.isfinite(values)]).max(initial=0) for values in arrays)
     divisor, unit = readable_unit(units, dimension, largest)
-    suffix = f" [{unit}]" if (unit := shown_unit(unit)) else ""
 
     def cell(number: float) -> str:
         # A number that was not found has no sign.
         return f"{number:{form}}".replace("+nan", "nan")
 
     cells = [column(values / divisor, cell) for values in arrays]
-    return dict(zip((name + suffix for name in named), cells, strict=True))
+    titles = [named_with_unit(name, shown_unit(unit)) for name in named]
+    return dict(zip(titles, cells, strict=True))
 
 
 def load_column(load: Load, units: Units, form: str) -> dict[str, list[str]]:

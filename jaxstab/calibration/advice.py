@@ -155,7 +155,9 @@ def outlier_of(measured: Measured, fitted: Curve, count: int, relief: Curve | No
     Without the relief of a fit that others follow from, that is the one of the largest misfit.
     """
     squares = _misfit(measured, fitted) ** 2
-    without = squares / squares.sum() if relief is None else np.asarray(relief)
+    if relief is None:
+        relief = squares / squares.sum()
+    without = np.asarray(relief)
     number = int(np.argmax(without))
     weighed = int(np.sum(squares > 0))
     freedom = weighed - count - 1

@@ -67,7 +67,9 @@ _ROUNDING = np.finfo(float).eps
 def potential_and_modulus(contact: Contact) -> PyTree:
     """Pick the parameters of the potential, and Young's modulus where there is one."""
     modulus = getattr(contact.solid, "youngs_modulus", None)
-    return contact.potential if modulus is None else (contact.potential, modulus)
+    if modulus is None:
+        return contact.potential
+    return contact.potential, modulus
 
 
 # Curves without an equilibrium are NaN.
@@ -183,8 +185,10 @@ def calibrate(
             raise ValueError("A force curve brings its own forces and weights: leave these out.")
         loads, forces, weights, shifts, noise = means_of(contact, load, given, segment, points)
         given = None
-    offset = is_curve if offset is None else offset
-    baseline = (is_curve and "linear") if baseline is None else baseline
+    if offset is None:
+        offset = is_curve
+    if baseline is None:
+        baseline = is_curve and "linear"
     require_load(loads)
     if isinstance(loads, MeanPressure):
         raise TypeError("The load is a MeanPressure: fit a curve over a mean displacement or gap.")
@@ -197,27 +201,45 @@ def calibrate(
             "edges single precision leaves too many loads without a derivative. Call "
             'jax.config.update("jax_enable_x64", True) before you make the contact.'
         )
-    for name, number in {"starts": 1 if starts is None else starts, "max_steps": max_steps}.items():
-        require(name, integer(name, number), number > 0, "give at least 1.")
+    if starts is not None:
+        require("starts", integer("starts", starts), starts > 0, "give at least 1.")
+    require("max_steps", integer("max_steps", max_steps), max_steps > 0, "give at least 1.")
     tolerance = optional_parameter(tolerance)
     if tolerance is not None:
         require_positive("The tolerance", tolerance)
     if (given is None) == (forces is None):
         raise ValueError("Give the measurements once: as `forces`, or as mean pressures.")
-    is_pressure = forces is None
-    given, area = (given, jnp.ones(())) if is_pressure else (forces, contact.area)
+    of_baseline = FORCE
+    of_tilt = SPRING_CONSTANT
+    area = contact.area
+    if forces is None:
+        of_baseline = PRESSURE
+        of_tilt = STIFFNESS
+        area = jnp.ones(())
+    else:
+        given = forces
+    zeros = {}
+    if offset:
+        zeros["offset"] = loads.unit or NUMBER
+    if baseline:
+        zeros["baseline"] = of_baseline
+    if is_tilted:
+        zeros["tilt"] = of_tilt
     measured = Measured.of(loads, given, weights, area, bool(baseline))
     pick = Pick.of(where, contact)
     w = measured.weights
-    count = len(pick.names) + offset + bool(baseline) + is_tilted
-    weighed = w.size if is_traced(w) else int(jnp.sum(w > 0))
+    count = len(pick.names) + len(zeros)
+    weighed = w.size
+    if not is_traced(w):
+        weighed = int(jnp.sum(w > 0))
     if not 0 < count < weighed:
         raise ValueError(
             f"There are {count} parameters for {weighed} measurements of any weight: take more of "
             "these, or pick other parameters with `where`."
         )
-    other = "the others, beside a baseline" if baseline else "zero"
-    cure = f"one with a weight must differ from {other}."
+    cure = "one with a weight must differ from zero."
+    if baseline:
+        cure = "one with a weight must differ from the others, beside a baseline."
     norm = jnp.linalg.norm(jnp.sqrt(w) * measured.mean_pressure)
     differs = jnp.linalg.norm(measured.deviation) > _ROUNDING * w.size * norm
     require("The norm of the measurements", norm, differs, cure)
@@ -230,11 +252,7 @@ def calibrate(
         max_steps,
         array(np.broadcast_to(shifts, w.shape)),
         where=pick,
-        zeros=(
-            (loads.unit or NUMBER) if offset else None,
-            (PRESSURE if is_pressure else FORCE) if baseline else None,
-            (STIFFNESS if is_pressure else SPRING_CONSTANT) if is_tilted else None,
-        ),
+        zeros=tuple(zeros.items()),
         order=order,
         starts=starts,
     )
@@ -254,7 +272,7 @@ class _Inputs(eqx.Module):
 
     Attributes:
         shifts: of the loads by one standard error that they have in common.
-        zeros: the dimensions of offset, baseline and tilt, None where one is not fitted.
+        zeros: those of `ZEROS` that are fitted, with their dimensions.
     """
 
     contact: Contact
@@ -264,7 +282,7 @@ class _Inputs(eqx.Module):
     max_steps: ArrayLike
     shifts: Curve
     where: Pick = eqx.field(static=True)
-    zeros: tuple[str | None, str | None, str | None] = eqx.field(static=True)
+    zeros: tuple[tuple[str, str], ...] = eqx.field(static=True)
     order: Order = eqx.field(static=True)
     starts: int | None = eqx.field(static=True)
 
@@ -274,7 +292,7 @@ class _Inputs(eqx.Module):
         values, unravel = values_of(self.where(inputs.contact))
         model = Model(inputs.contact, self.where, unravel, inputs.measured.load, self.order)
         start = jnp.concatenate([values, jnp.zeros(len(ZEROS))])
-        is_fitted = np.array([True] * values.size + [zero is not None for zero in self.zeros])
+        is_fitted = np.array([True] * values.size + [name in dict(self.zeros) for name in ZEROS])
         problem = FitProblem(model.curve, start, inputs.measured, inputs.tolerance)
         is_profiled = (start > 0) & is_fitted
         return model, Plan(problem, ~is_fitted, is_profiled, self.starts, inputs.max_steps)
@@ -345,7 +363,7 @@ def _finish(inputs: _Inputs, found: Search) -> tuple[Calibration, Hints]:
     result = RESULTS.where(
         _is_unfit(plan, best, errors) & jnp.isfinite(best.loss), RESULTS.no_fit, found.result
     )
-    zeros = {name: kind for name, kind in zip(ZEROS, inputs.zeros, strict=True) if kind is not None}
+    zeros = dict(inputs.zeros)
     fit = Calibration(
         contact=model.contact_at(parameters),
         parameters=model.unravel(parameters[: -len(ZEROS)]),

@@ -96,23 +96,28 @@ class Calibrations:
         require_kind(other, Calibrations, "no fits of several curves: give those of calibrate.")
         if len(other.fits) != len(self.fits):
             raise ValueError(f"There are {len(other.fits)} other fits for {len(self.fits)} curves.")
-        fits = [
-            None if one is None or two is None else one.with_error_of_grid(two)
-            for one, two in zip(self.fits, other.fits, strict=True)
-        ]
-        reasons = [
-            reason if one is None or fit is not None else f"On the other grid: {there}"
-            for one, fit, reason, there in zip(
-                self.fits, fits, self.reasons, other.reasons, strict=True
-            )
-        ]
+        fits = list(self.fits)
+        reasons = list(self.reasons)
+        for i, (one, two) in enumerate(zip(self.fits, other.fits, strict=True)):
+            if one is None:
+                continue
+            if two is None:
+                fits[i] = None
+                reasons[i] = f"On the other grid: {other.reasons[i]}"
+            else:
+                fits[i] = one.with_error_of_grid(two)
         return replace(self, fits=tuple(fits), reasons=tuple(reasons))
 
     def _arranged(self, name: str, row: int) -> np.ndarray:
         require_one_of("The parameter", name, self.names)
         place = self.names.index(name)
-        values = [np.nan if fit is None else numbers_of(fit)[row][place] for fit in self.fits]
-        return np.array(values) if self.curves.shape is None else self.curves.on_map(values)
+        values = np.full(len(self.fits), np.nan)
+        for i, fit in enumerate(self.fits):
+            if fit is not None:
+                values[i] = numbers_of(fit)[row][place]
+        if self.curves.shape is None:
+            return values
+        return self.curves.on_map(values)
 
     def __repr__(self) -> str:
         there = [fit for fit in self.fits if fit is not None]
@@ -176,7 +181,9 @@ def calibrate_each(
                 with warnings.catch_warnings(record=True) as caught:
                     warnings.simplefilter("ignore")
                     warnings.simplefilter("always", FitWarning)
-                    start = contact if isinstance(contact, Contact) else contact(curve)
+                    start = contact
+                    if not isinstance(start, Contact):
+                        start = start(curve)
                     found = calibrate(start, load, curve, **options)
                 reason = " ".join(str(warning.message) for warning in caught)
             except (ValueError, SolverError) as error:

@@ -111,7 +111,9 @@ def first_guess(
     poisson = float(scalar_parameter(poisson_ratio, "Poisson's ratio"))
     length = 10.0 ** LENGTHS[curve.unit]
     pressure = 10.0 ** PRESSURES[pressure_unit]
-    part: Parts = "retraction" if segment == "both" else segment
+    part: Parts = segment
+    if segment == "both":
+        part = "retraction"
     tip, forces, weights, _, constant = columns_of(curve, part, 40, is_spring=False)
     is_there = weights > 0
     measured = -tip[is_there], forces[is_there], np.sqrt(weights[is_there])
@@ -255,7 +257,9 @@ def _force(
     """
     law = radius, sphere.contact_modulus, sphere.work, sphere.work / sphere.range
     touch = maugis.first_touch(*law)
-    end = touch if is_in else maugis.pull_off(*law, np.inf)
+    end = touch
+    if not is_in:
+        end = maugis.pull_off(*law, np.inf)
     unit = jkr.units(*law[:3])
     depth = max(float(np.max(indentation)) - sphere.contact_point, 0.0)
     # Of Hertz' sphere the depth is a^2 / R, of adhesive ones less.

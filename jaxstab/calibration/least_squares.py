@@ -66,13 +66,16 @@ class Measured(eqx.Module):
                 f"{measured.shape}: give as many of one as of the other, in one dimension."
             )
         require_finite("The measured curve", measured)
-        w = jnp.ones_like(measured) if weights is None else parameter(weights)
+        w = jnp.ones_like(measured)
+        if weights is not None:
+            w = parameter(weights)
         if w.shape != measured.shape:
             raise ValueError(
                 f"The weights have shape {w.shape}, the measurements {measured.shape}."
             )
         require("A weight", w, (w >= 0) & jnp.isfinite(w), "all must be finite and not negative.")
-        w = w if mask is None else jnp.where(mask, 0, w)
+        if mask is not None:
+            w = jnp.where(mask, 0, w)
         return cls(load, measured / area, w, has_baseline)
 
     @property

@@ -5,7 +5,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from jaxstab.contact import Contact
-from jaxstab.core.checks import integer, require, require_one_of
+from jaxstab.core.checks import in_words, integer, require, require_one_of
 from jaxstab.core.units import LENGTHS, PRESSURES
 from jaxstab.force_curves import Baseline, ForceCurve, Segment
 from jaxstab.force_curves.correction import clocks_of, ends_of
@@ -79,10 +79,9 @@ def means_of(
         TypeError: for another load.
     """
     if kind not in (FarDisplacement, Spring):
-        given = kind.__name__ if isinstance(kind, type) else f"a {type(kind).__name__}"
         raise TypeError(
-            f"The load is {given}: for a force curve give the class FarDisplacement or Spring, "
-            "whose values follow from the curve."
+            f"The load is {in_words(kind)}: for a force curve give the class FarDisplacement or "
+            "Spring, whose values follow from the curve."
         )
     units = contact.units
     if units.length is None or units.pressure is None:
@@ -126,15 +125,19 @@ def columns_of(
             "The curve has no spring constant, without which its tip positions are unknown: give "
             "it in N/m, as in js.force_curves.read(path, spring_constant=0.2)."
         )
-    curve = (curve if curve.correction else curve.corrected()).in_units("m", "N")
+    if not curve.correction:
+        curve = curve.corrected()
+    curve = curve.in_units("m", "N")
     correction = curve.correction
     assert correction is not None
-    drift_error = correction.drift_error if correction.removes_drift else None
+    drift_error = 0.0
+    if correction.removes_drift and correction.drift_error is not None:
+        drift_error = correction.drift_error
     clocks = clocks_of(curve.segments)
     found = [
         _means(
             curve.segments[name],
-            (drift_error or 0.0) * clocks[name],
+            drift_error * clocks[name],
             getattr(correction, name),
             points,
             is_spring,
@@ -162,7 +165,9 @@ def _means(
     present = np.flatnonzero(segment.is_present)
     is_down = segment.height[present[0]] > segment.height[present[-1]]
     # From the far end.
-    numbers = present if is_down else present[::-1]
+    numbers = present
+    if not is_down:
+        numbers = present[::-1]
     height = segment.height[numbers]
     tip = segment.tip_position[numbers]
     force = segment.force[numbers]
@@ -218,8 +223,12 @@ def _means(
             if np.sum(same) > 1:
                 slope = np.gradient(tips[same], middles[same])
                 weights[same] *= np.clip(slope, _LEAST_SLOPE, 1) ** 2
-    columns = np.stack([middles if is_spring else tips, forces, weights, moves])
-    columns = columns if is_down else columns[:, ::-1]
+    positions = tips
+    if is_spring:
+        positions = middles
+    columns = np.stack([positions, forces, weights, moves])
+    if not is_down:
+        columns = columns[:, ::-1]
     # Curves of one number of means share compiled programs: the last is repeated without weight.
     repeated = np.repeat(columns[:, -1:], max(most - len(groups), 0), axis=1)
     repeated[2] = 0

@@ -73,7 +73,9 @@ def _names(path: jax.tree_util.KeyPath, leaf: Array) -> list[str]:
     if not eqx.is_inexact_array(leaf):
         return []
     name = jax.tree_util.keystr(path, simple=True, separator=".")
-    return [name] if leaf.ndim == 0 else [f"{name}[{i}]" for i in range(leaf.size)]
+    if leaf.ndim == 0:
+        return [name]
+    return [f"{name}[{i}]" for i in range(leaf.size)]
 
 
 def _dimension(tree: PyTree, path: jax.tree_util.KeyPath) -> str:
@@ -82,7 +84,9 @@ def _dimension(tree: PyTree, path: jax.tree_util.KeyPath) -> str:
     for key in path:
         match key:
             case jax.tree_util.GetAttrKey(name=name):
-                parts = declared(type(tree)).get(name, ()) if is_dataclass(tree) else ()
+                parts = ()
+                if is_dataclass(tree):
+                    parts = declared(type(tree)).get(name, ())
                 tree = getattr(tree, name)
             case jax.tree_util.SequenceKey(idx=i):
                 parts = parts[i:]

@@ -16,7 +16,7 @@ from jaxstab.calibration.search import Search
 from jaxstab.contact import Contact
 from jaxstab.core.checks import is_traced, require_kind
 from jaxstab.core.compile import program
-from jaxstab.core.display import number, table
+from jaxstab.core.display import number, several, table
 from jaxstab.core.results import RESULTS
 from jaxstab.core.types import Scalar
 from jaxstab.core.units import AREA, PRESSURE, chosen_unit, shown_unit
@@ -138,10 +138,10 @@ class Calibration(eqx.Module):
             "standard error": [f"{error:.2g}" for error in errors],
         }
         units = [unit for *_, unit in found]
-        rows |= {"unit": units} if any(units) else {}
-        minima = int(self.num_minima)
-        seen = f"{minima} {'minimum' if minima == 1 else 'minima'} seen"
-        head = f"Calibration: {self.result.name}, loss {float(self.loss):.3g}, {seen}"
+        if any(units):
+            rows["unit"] = units
+        seen = several(int(self.num_minima), "minimum", "minima")
+        head = f"Calibration: {self.result.name}, loss {float(self.loss):.3g}, {seen} seen"
         return f"{head}\n{table(rows)}"
 
 
@@ -150,7 +150,9 @@ def _with_distance(fit: Calibration, other: Calibration) -> Calibration:
     errors, unravel = values_of(fit.standard_errors)
     away = values_of(fit.parameters)[0] - values_of(other.parameters)[0]
     zeros = {name: getattr(fit, name) - getattr(other, name) for name in ZEROS if name in fit.names}
-    every = jnp.concatenate([away, jnp.stack([*zeros.values()])]) if zeros else away
+    every = away
+    if zeros:
+        every = jnp.concatenate([away, jnp.stack([*zeros.values()])])
     raised = {
         f"{name}_error": jnp.hypot(getattr(fit, f"{name}_error"), zero)
         for name, zero in zeros.items()
@@ -199,13 +201,13 @@ def describe(fit: Calibration, measured: Measured, hints: Hints) -> str:
             "at the units, the order of the loads and their zero, and start nearer"
         )
         return f"The fit ended at {values}, with a loss of {float(fit.loss):.3g}. Likely {cause}"
-    tried = int(jnp.sum(fit.results != RESULTS.not_computed))
+    tried = several(int(jnp.sum(fit.results != RESULTS.not_computed)), "start")
     return (
-        f"The fit did not converge in {int(fit.num_steps)} steps from {tried} start"
-        f"{'s' if tried > 1 else ''}: at {values} they would still change by a part of "
-        f"{float(fit.residual):.3g}. Jumps of the contact are the usual reason: give the loads in "
-        'the order of the measurement, with order="continuation", start from parameters whose '
-        "contact jumps at nearly the same loads, or give more `starts`"
+        f"The fit did not converge in {int(fit.num_steps)} steps from {tried}: at {values} they "
+        f"would still change by a part of {float(fit.residual):.3g}. Jumps of the contact are the "
+        "usual reason: give the loads in the order of the measurement, with "
+        'order="continuation", start from parameters whose contact jumps at nearly the same loads, '
+        "or give more `starts`"
     )
 
 

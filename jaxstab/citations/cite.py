@@ -106,7 +106,9 @@ def cite(*objects: object) -> Citations:
     for item in objects:
         parts = list(_parts(item))
         if not parts:
-            given = repr(item) if isinstance(item, str) else _name(item)
+            given = _name(item)
+            if isinstance(item, str):
+                given = repr(item)
             raise ValueError(
                 f"{given} is not of jaxstab: cite takes its functions, classes and modules, as "
                 "jaxstab.equilibrate or jaxstab.references.jkr, and their results, one by one."

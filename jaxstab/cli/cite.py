@@ -8,7 +8,10 @@ import jaxstab
 def run(options: argparse.Namespace) -> None:
     """Print the sources."""
     sources = jaxstab.cite(*map(_named, options.names))
-    print(sources.bibtex if options.bibtex else sources)
+    if options.bibtex:
+        print(sources.bibtex)
+    else:
+        print(sources)
 
 
 def _named(name: str) -> object:

@@ -357,6 +357,9 @@ def _loads(results: Results) -> tuple[list[list[str]], list[str]]:
 def _load_row(contact: js.Contact, state: LoadedState) -> list[str]:
     units = contact.units
     height = float(state.stability.barrier.height)
+    barrier = ""
+    if math.isfinite(height):
+        barrier = measured(units, height, "energy")
     return [
         measured(units, float(state.equilibrium.load.value), "pressure"),
         f"{100 * float(state.equilibrium.contact_area):.1f} %",
@@ -364,7 +367,7 @@ def _load_row(contact: js.Contact, state: LoadedState) -> list[str]:
         str(int(state.patches.number)),
         f"{100 * float(state.patches.largest / contact.area):.1f} %",
         _verdict(state.stability),
-        measured(units, height, "energy") if math.isfinite(height) else "",
+        barrier,
     ]
 
 

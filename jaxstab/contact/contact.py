@@ -26,7 +26,7 @@ from jaxstab.contact.inputs import (
 from jaxstab.contact.residual import Balance, balance_of, conforming_pressure
 from jaxstab.contact.window import continued_surface
 from jaxstab.core import model
-from jaxstab.core.checks import array, cast, is_traced, possible, require_kind
+from jaxstab.core.checks import cast, is_traced, possible, require_kind
 from jaxstab.core.display import block
 from jaxstab.core.equality import are_same
 from jaxstab.core.grid import Grid
@@ -120,7 +120,7 @@ class Contact(eqx.Module):
         relative, datum = relative_heights(given)
         self.heights = solid.grid.device_put(relative)
         dtype = self.heights.dtype
-        self.datum = datum.astype(dtype) if isinstance(datum, jax.Array) else array(datum, dtype)
+        self.datum = cast(datum, dtype)
         if dtype not in (jnp.float32, jnp.float64):
             raise TypeError(f"heights are {dtype}: give them in float32 or float64.")
         require_sound(solid, given, topography)
@@ -143,13 +143,16 @@ class Contact(eqx.Module):
     def has_core(self) -> Flag | bool:
         """Whether the potential rises without bound as a gap closes, so that none ever does."""
         law = self.potential
-        known = law.has_core if isinstance(law, Scaled) else None
-        return self.profile.has_core if known is None else known
+        if isinstance(law, Scaled) and law.has_core is not None:
+            return law.has_core
+        return self.profile.has_core
 
     @property
     def known_core(self) -> bool | None:
         """The same as a number of Python, on which programs can depend; None if not known yet."""
-        return None if is_traced(self.has_core) else bool(self.has_core)
+        if is_traced(self.has_core):
+            return None
+        return bool(self.has_core)
 
     @property
     def padded(self) -> "Contact":
@@ -257,7 +260,9 @@ class Contact(eqx.Module):
 
         Under a control, K includes the stiffness of the load; by default that is zero.
         """
-        stiffness = None if control is None else control.stiffness
+        stiffness = None
+        if control is not None:
+            stiffness = control.stiffness
         return Hessian(self.solid, self.curvature(gap), stiffness)
 
     @property

@@ -29,7 +29,7 @@ from jaxstab.core.equality import Comparable
 from jaxstab.core.results import SolverError
 from jaxstab.core.roots import bisect
 from jaxstab.core.types import ArrayLike, Scalar
-from jaxstab.core.units import LENGTH, NO_UNITS, Units, shown_unit, unit_symbol
+from jaxstab.core.units import LENGTH, NO_UNITS, Units, named_with_unit, shown_unit, unit_symbol
 
 # The default ranges: the resolution at the shortest one, and each over the one before.
 _RESOLUTION = 8.0
@@ -74,7 +74,7 @@ class Extrapolation(Comparable):
     def __repr__(self) -> str:
         unit = shown_unit(unit_symbol(self.units, LENGTH))
         columns = {
-            f"range [{unit}]" if unit else "range": column(self.ranges, "{:.5g}".format),
+            named_with_unit("range", unit): column(self.ranges, "{:.5g}".format),
             "resolution": column(self.resolutions, "{:.3g}".format),
             "value": column(self.values, number),
         }
@@ -128,15 +128,21 @@ def extrapolate(
     """
     require_known((contact, ranges, to), "extrapolate")
     shortest = resolved_range(contact, _RESOLUTION)
-    lengths = _RATIOS * float(shortest) if ranges is None else _checked(ranges)
+    lengths = _RATIOS * float(shortest)
+    if ranges is not None:
+        lengths = _checked(ranges)
     law: Any = contact.potential
-    target = law.length if to is None else to
+    target = law.length
+    if to is not None:
+        target = to
     target = float(nonnegative_parameter(scalar_parameter(target, "The range"), "The range"))
     cure = f"the longest that is computed is {lengths[-1]:.6g}, give `ranges` up to it."
     require("The range", target, target <= lengths[-1], cure)
     # The trial comes last, and only below the shortest range.
     tried = max(target, _TRIED * lengths[0])
-    below = [tried] if tried < lengths[0] else []
+    below = []
+    if tried < lengths[0]:
+        below.append(tried)
     contacts = [_with_range(contact, length) for length in (*lengths, *below)]
     values = np.array([_number(function(one)) for one in contacts])
     resolutions = np.array([float(one.resolution) for one in contacts])

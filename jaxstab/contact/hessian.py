@@ -62,15 +62,21 @@ class Hessian(SymmetricOperator):
         stiffness: Scalar | None = None,
         mask: Mask | None = None,
     ):
-        self.solid = solid.with_uniform_stiffness(0 if stiffness is None else stiffness)
-        self.curvature = curvature if mask is None else jnp.where(mask, curvature, 0)
+        if mask is not None:
+            curvature = jnp.where(mask, curvature, 0)
+        self.curvature = curvature
         self.stiffness = stiffness
         self.mask = mask
         # Computed once, since eigensolvers ask for them at every step.
         stiffest = solid.max_stiffness
         softening = -jnp.min(self.curvature)
         self.max_curvature = jnp.max(self.curvature)
-        highest = stiffest if stiffness is None else jnp.maximum(stiffest, stiffness)
+        if stiffness is None:
+            self.solid = solid.with_uniform_stiffness(0)
+            highest = stiffest
+        else:
+            self.solid = solid.with_uniform_stiffness(stiffness)
+            highest = jnp.maximum(stiffest, stiffness)
         # K is not negative, so |A| <= max(K + D, -D).
         self.bound = jnp.maximum(highest + jnp.maximum(self.max_curvature, 0), softening)
         # Points of large f'' take no part in lower modes, nor do points that are stiffly held.
@@ -109,5 +115,7 @@ class Hessian(SymmetricOperator):
         stiffness = self.stiffness
         if stiffness is None:
             return inverse
-        mask = jnp.ones_like(self.curvature, bool) if self.mask is None else self.mask
+        mask = self.mask
+        if mask is None:
+            mask = jnp.ones_like(self.curvature, bool)
         return lambda field: apart_from_mean(inverse, field, mask, stiffness, shift)

@@ -1,6 +1,7 @@
 """The heights, the unit and the law that a contact is made of, checked."""
 
-from typing import TYPE_CHECKING
+from types import ModuleType
+from typing import TYPE_CHECKING, Any
 
 import jax
 import jax.numpy as jnp
@@ -10,6 +11,7 @@ from jaxtyping import Array
 
 from jaxstab.core.checks import (
     concrete,
+    is_readable,
     is_sharded,
     numbers,
     require_finite,
@@ -30,15 +32,23 @@ if TYPE_CHECKING:
 _LARGE = 16.0
 
 
-def relative_heights(heights: Array | np.ndarray) -> tuple[Array | np.ndarray, Array | np.ndarray]:
+def relative_heights(heights: Array | np.ndarray) -> tuple[Array | np.ndarray, Any]:
     """Return heights less a constant that would cost them digits, and this constant."""
-    values = concrete(heights)
-    xp = np if isinstance(values, np.ndarray) else jnp
-    constant = jax.lax.stop_gradient(values) if xp is jnp else values
-    first = constant[(0,) * values.ndim]
-    is_large = xp.abs(first) / _LARGE > xp.max(xp.abs(constant - first))
-    datum = xp.where(is_large, first, 0).astype(values.dtype)
-    return (heights if xp is np and datum == 0 else values - datum), datum
+    if not is_readable(heights):
+        datum = _datum(jax.lax.stop_gradient(heights), jnp)
+        return heights - datum, datum
+    values = np.asarray(heights)
+    datum = _datum(values, np)
+    if datum == 0:
+        return heights, datum
+    return values - datum, datum
+
+
+def _datum(heights: Any, xp: ModuleType) -> Any:
+    """Return the first height if it is large, zero otherwise."""
+    first = heights[(0,) * heights.ndim]
+    is_large = xp.abs(first) / _LARGE > xp.max(xp.abs(heights - first))
+    return xp.where(is_large, first, 0).astype(heights.dtype)
 
 
 def as_heights(
@@ -49,7 +59,10 @@ def as_heights(
     from jaxstab.surfaces.topography import as_topography
 
     topography = as_topography(heights, grid)
-    given = numbers(topography.on(grid) if topography else heights, "The array of heights")
+    values = heights
+    if topography:
+        values = topography.on(grid)
+    given = numbers(values, "The array of heights")
     if getattr(heights, "dtype", None) == np.float32:
         given = given.astype(np.float32)
     cure = "build heights and solid on the same grid."
@@ -59,8 +72,12 @@ def as_heights(
 
 def unit_of_lengths(topography: "Topography | None", given: str | None) -> str | None:
     """Return the unit of lengths: the topography's if it has one, else the given one."""
-    own = topography.unit if topography else None
-    unit = own if given is None else unit_of(given)
+    own = None
+    if topography:
+        own = topography.unit
+    if given is None:
+        return own
+    unit = unit_of(given)
     if own not in (None, unit):
         raise ValueError(
             f"The unit is {unit}, the topography is in {own}: leave out `unit`, or convert the "
@@ -81,9 +98,10 @@ def require_sound(
 
     require_finite("A height", jnp.asarray(heights), FILL)
     if topography:
-        is_window = solid.is_window
         wrong = topography.suspicions
-        faults.warn([*topography.wrong_scale, *topography.edge_faults] if is_window else wrong)
+        if solid.is_window:
+            wrong = [*topography.wrong_scale, *topography.edge_faults]
+        faults.warn(wrong)
     elif not is_sharded(heights):
         _warn_of_heights(heights, solid.grid.lengths, solid.is_window)
 
@@ -94,7 +112,9 @@ def _warn_of_heights(heights: Array | np.ndarray, lengths: Array, is_window: boo
 
     values = np.asarray(heights)
     wrong = faults.has_wrong_scale(values, concrete(lengths))
-    faults.warn(wrong if wrong or is_window else faults.looks_wrong(values))
+    if not wrong and not is_window:
+        wrong = faults.looks_wrong(values)
+    faults.warn(wrong)
 
 
 def law_on(grid: Grid, potential: Potential, dtype: DTypeLike) -> Potential:

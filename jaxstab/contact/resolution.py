@@ -98,7 +98,9 @@ def resolved_range(contact: Contact, resolution: ArrayLike = FOR_JUMPS) -> Scala
     factor = jnp.sqrt(needed / contact.resolution)
     length = getattr(contact.potential, "length", None)
     if not isinstance(length, jax.Array) or length.ndim > 0:
-        by = "" if is_traced(factor) else f" by {float(factor):.4g}"
+        by = ""
+        if not is_traced(factor):
+            by = f" by {float(factor):.4g}"
         raise TypeError(
             f"The law is {contact.potential!r}, without one range in its field `length`: multiply "
             f"the lengths of your law{by}, at the same work of adhesion."

@@ -6,8 +6,10 @@ checked there.
 
 import datetime
 import operator
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
+from contextlib import contextmanager
 from functools import cache, wraps
+from pathlib import Path
 from types import UnionType
 from typing import Any, ParamSpec, SupportsIndex, TypeGuard, TypeVar
 
@@ -46,9 +48,16 @@ def is_sharded(value: object) -> TypeGuard[Array]:
     return isinstance(value, jax.Array) and not is_traced(value) and not value.is_fully_replicated
 
 
+def is_readable(value: object) -> bool:
+    """Whether the numbers of an array are known, and not spread over several devices."""
+    return not (is_traced(value) or is_sharded(value))
+
+
 def concrete(value: ArrayLike | np.generic) -> Any:
     """Return `value` as a NumPy array; a traced or sharded one is returned unchanged."""
-    return value if is_traced(value) or is_sharded(value) else np.asarray(value)
+    if not is_readable(value):
+        return value
+    return np.asarray(value)
 
 
 def array(value: ArrayLike | np.generic | list, dtype: DTypeLike | None = None) -> Array:
@@ -56,10 +65,27 @@ def array(value: ArrayLike | np.generic | list, dtype: DTypeLike | None = None) 
     return jax.device_put(np.array(value, dtype))
 
 
+def as_array(value: ArrayLike | np.generic | list, dtype: DTypeLike | None = None) -> Array:
+    """Return an array of JAX as it is, and another value as one, without compiling anything."""
+    if isinstance(value, jax.Array):
+        return value
+    return array(value, dtype)
+
+
 def parameter(value: object, name: str = "A parameter") -> Float[Array, "..."]:
     """Return `value` as a floating-point array, so that it can be vmapped and differentiated."""
-    number = numbers(value, name)
-    return number if isinstance(number, jax.Array) else array(number)
+    return as_array(numbers(value, name))
+
+
+def in_words(value: object) -> str:
+    """Return a text, a number or a class as an error shows it, and its class for anything else."""
+    match value:
+        case str() | int() | float():
+            return repr(value)
+        case type():
+            return value.__name__
+        case _:
+            return f"a {type(value).__name__}"
 
 
 def require_no_unit(value: Any, name: str) -> None:
@@ -75,9 +101,10 @@ def require_no_unit(value: Any, name: str) -> None:
             f"{name} is a {type(value).__name__}, a time with a unit of its own: give numbers in "
             "the unit of your times, as in difference / numpy.timedelta64(1, 's')."
         )
+    unit = None
     attributes = getattr(value, "attrs", None)
-    own = attributes if isinstance(attributes, Mapping) else {}
-    unit = own.get("units", own.get("unit"))
+    if isinstance(attributes, Mapping):
+        unit = attributes.get("units", attributes.get("unit"))
     cure = "its `.values`, once it is in the units of the contact"
     if unit is None and hasattr(value, "magnitude"):
         unit = getattr(value, "units", None)
@@ -102,7 +129,7 @@ def numbers(value: object, name: str) -> Float[Array | np.ndarray, "..."]:
     if isinstance(value, bool | int | float) and not isinstance(value, np.generic):
         # A number of Python stays weakly typed.
         return jax.device_put(float(value))
-    given = repr(value) if isinstance(value, str) else f"a {type(value).__name__}"
+    given = in_words(value)
     if not isinstance(value, jax.Array):
         require_no_unit(value, name)
     if is_traced(value):
@@ -119,10 +146,13 @@ def numbers(value: object, name: str) -> Float[Array | np.ndarray, "..."]:
         # Arrays from files may have a byte order that JAX refuses.
         value = value.astype(value.dtype.newbyteorder("="), copy=False)
     if jnp.issubdtype(value.dtype, jnp.floating):
-        return cast(value, value.dtype) if isinstance(value, jax.Array) and value.ndim else value
+        if isinstance(value, jax.Array) and value.ndim:
+            return cast(value, value.dtype)
+        return value
     if not (jnp.issubdtype(value.dtype, jnp.integer) or value.dtype == bool):
-        kind = value.dtype if jnp.issubdtype(value.dtype, jnp.number) else given
-        raise TypeError(f"{name} is {kind}: give real numbers.")
+        if jnp.issubdtype(value.dtype, jnp.number):
+            given = str(value.dtype)
+        raise TypeError(f"{name} is {given}: give real numbers.")
     return concrete(value).astype(float)
 
 
@@ -146,7 +176,9 @@ def cast(tree: Tree, dtype: DTypeLike) -> Tree:
             return leaf
         if isinstance(leaf, jax.Array) and leaf.dtype == dtype and not leaf.weak_type:
             return leaf
-        return leaf.astype(dtype) if is_traced(leaf) or is_sharded(leaf) else array(leaf, dtype)
+        if not is_readable(leaf):
+            return leaf.astype(dtype)
+        return array(leaf, dtype)
 
     return jax.tree.map(cast_leaf, tree)
 
@@ -161,8 +193,10 @@ def integer(name: str, value: SupportsIndex) -> int:
 
 def possible(value: Array, holds: ArrayLike) -> Array:
     """Return a value; NaN where it is traced and a condition on it does not hold."""
+    if not is_traced(holds):
+        return value
     # As a factor it makes derivatives NaN too.
-    return value * jnp.where(holds, 1, jnp.nan) if is_traced(holds) else value
+    return value * jnp.where(holds, 1, jnp.nan)
 
 
 def positive_parameter(value: object, name: str) -> Float[Array, "..."]:
@@ -206,6 +240,19 @@ def require_known(inputs: object, name: str) -> None:
         )
 
 
+@contextmanager
+def file_named_in_errors(path: Path) -> Iterator[None]:
+    """Put the name of a file, which must exist, before the errors of its readers."""
+    if not path.exists():
+        raise FileNotFoundError(f"{path} does not exist.")
+    try:
+        yield
+    except ImportError as error:
+        raise ImportError(f"{path}: {error}") from None
+    except ValueError as error:
+        raise ValueError(f"{path}: {error}") from None
+
+
 def require(name: str, value: Any, holds: Any, cure: str) -> None:
     """Raise `ValueError` naming `value` and the `cure` where `holds`, if known, is false."""
     if is_traced(holds) or np.all(holds):
@@ -237,14 +284,28 @@ def require_one_of(name: str, value: object, choices: Collection[object]) -> Non
         raise ValueError(f"{name} is {value!r}: choose one of {', '.join(map(str, choices))}.")
 
 
+def key_or_default(key: Array | None) -> Array:
+    """Return a random key, that of the number 0 for None.
+
+    Raises:
+        TypeError, ValueError: as `require_key`.
+    """
+    if key is None:
+        return jax.random.key(0)
+    require_key(key)
+    return key
+
+
 def require_key(key: Any) -> None:
     """Raise `TypeError` for anything but a random key of JAX, `ValueError` for several."""
     dtype = getattr(key, "dtype", np.dtype(object))
     is_typed = jnp.issubdtype(dtype, jax.dtypes.prng_key)
     if not (is_typed or dtype == np.uint32):
         raise TypeError(f"The key is {key!r}: give a random key, as jax.random.key(0).")
-    # A raw key has an axis of its own.
-    shape = np.shape(key) if is_typed else np.shape(key)[:-1]
+    shape = np.shape(key)
+    if not is_typed:
+        # A raw key has an axis of its own.
+        shape = shape[:-1]
     if shape:
         raise ValueError(
             f"The key is an array of keys of shape {shape}, as of jax.random.split: give one of "

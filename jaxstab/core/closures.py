@@ -68,9 +68,13 @@ class Formula:
     def __post_init__(self) -> None:
         text = str(self.jaxpr)
         # Otherwise all that the function reads is in the jaxpr or among the captured arrays.
-        identity = id(self.function) if _NAMED_ONLY.search(text) else None
-        key = identity, self.jaxpr if _HIDDEN.search(text, 1) else text
-        object.__setattr__(self, "key", key)
+        identity = None
+        if _NAMED_ONLY.search(text):
+            identity = id(self.function)
+        shown: str | Jaxpr = text
+        if _HIDDEN.search(text, 1):
+            shown = self.jaxpr
+        object.__setattr__(self, "key", (identity, shown))
 
     def __reduce__(self) -> tuple[object, ...]:
         # A jaxpr cannot be pickled; the function is pickled, or imported by its name.

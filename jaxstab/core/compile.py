@@ -53,7 +53,9 @@ def program(function: Callable[Given, Out], **options: Any) -> Callable[Given, O
     @wraps(function)
     @own_conventions()
     def call(*args: Given.args, **kwargs: Given.kwargs) -> Out:
-        return (inside if is_transformed((args, kwargs)) else outside())(*args, **kwargs)
+        if is_transformed((args, kwargs)):
+            return inside(*args, **kwargs)
+        return outside()(*args, **kwargs)
 
     return call
 
@@ -69,7 +71,9 @@ def in_pieces(function: Callable[Given, Out]) -> Callable[Given, Out]:
     @wraps(function)
     @own_conventions()
     def call(*args: Given.args, **kwargs: Given.kwargs) -> Out:
-        return (whole if is_transformed((args, kwargs)) else function)(*args, **kwargs)
+        if is_transformed((args, kwargs)):
+            return whole(*args, **kwargs)
+        return function(*args, **kwargs)
 
     return call
 

@@ -85,7 +85,9 @@ def cond(condition: ArrayLike, one: Callable[[], Out], other: Callable[[], Out])
     """Return the result of one of two functions; a branch of Python if the condition is known."""
     if is_traced(condition):
         return jax.lax.cond(condition, one, other)
-    return one() if condition else other()
+    if condition:
+        return one()
+    return other()
 
 
 def choose(condition: ArrayLike, one: Out, other: Out) -> Out:
@@ -102,7 +104,7 @@ def either(
     branch waits until the host has read which one is taken.
     """
     if not is_traced(is_first):
-        return (first if is_first else second)(*args)
+        return cond(is_first, partial(first, *args), partial(second, *args))
 
     def both(*args: Array) -> Out:
         return choose(is_first, first(*args), second(*args))

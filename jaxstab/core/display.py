@@ -75,9 +75,13 @@ def times(sides: Iterable[object], form: str = "") -> str:
     return " x ".join(f"{side:{form}}" for side in sides)
 
 
-def several(count: int, noun: str) -> str:
+def several(count: int, noun: str, plural: str | None = None) -> str:
     """Return a number of things in words, as in 1 jump and 2 jumps."""
-    return f"{count} {noun}{'' if count == 1 else 's'}"
+    if count == 1:
+        return f"1 {noun}"
+    if plural is None:
+        plural = f"{noun}s"
+    return f"{count} {plural}"
 
 
 def column(values: ArrayLike | list, form: Callable[..., str]) -> list[str]:
@@ -113,7 +117,9 @@ def text(value: object, units: Units = NO_UNITS) -> str:
 
 def number(value: complex) -> str:
     """Return a number with six digits at most."""
-    return str(value) if isinstance(value, int) else f"{value:.6g}"
+    if isinstance(value, int):
+        return str(value)
+    return f"{value:.6g}"
 
 
 def _line(module: eqx.Module, units: Units) -> str:
@@ -127,10 +133,13 @@ def _texts(module: eqx.Module, units: Units) -> Iterator[tuple[str, str]]:
     kinds = dimensions(type(module))
     for name in [f.name for f in fields(module) if f.repr and hasattr(module, f.name)]:
         value = getattr(module, name)
+        if value is None:
+            yield name, text(value)
+            continue
         divisor, symbol = chosen_unit(units, kinds.get(name, NUMBER))
-        unit = shown_unit(symbol)
-        value = value if divisor == 1 or value is None else value / divisor
-        yield name, text(value, units) + (f" {unit}" if unit and value is not None else "")
+        if divisor != 1:
+            value = value / divisor
+        yield name, f"{text(value, units)} {shown_unit(symbol)}".rstrip()
 
 
 def _described(value: Array | np.ndarray | np.number | np.bool) -> str:
@@ -140,4 +149,6 @@ def _described(value: Array | np.ndarray | np.number | np.bool) -> str:
             texts = [number(x) for x in np.atleast_1d(np.asarray(value)).tolist()]
     if not texts:
         return eqx.tree_pformat(value)
-    return f"[{', '.join(texts)}]" if value.ndim else texts[0]
+    if value.ndim == 0:
+        return texts[0]
+    return f"[{', '.join(texts)}]"

@@ -33,7 +33,9 @@ class _Members(type):
         return (getattr(cls, name) for name in cls.names)
 
     def __contains__(cls, item: object) -> bool:
-        return item in cls.names if isinstance(item, str) else type(item) is cls
+        if isinstance(item, str):
+            return item in cls.names
+        return type(item) is cls
 
     def __getitem__(cls, item: Any) -> str | np.ndarray:
         """Return the name and the meaning of a member, or an array of them."""
@@ -91,7 +93,9 @@ class Enumeration(Stackable, metaclass=_Members):
             return cls(jnp.where(condition, cls.promote(one).code, cls.promote(other).code))
 
     def __eq__(self, other: object) -> Bool[Array, "..."]:  # pyright: ignore[reportIncompatibleMethodOverride]
-        code = np.int32(-1) if other is None else type(self).promote(other).code
+        code = np.int32(-1)
+        if other is not None:
+            code = type(self).promote(other).code
         # Within a trace, too, known values stay known.
         with jax.ensure_compile_time_eval():
             return concrete(self.code) == concrete(code)
@@ -115,4 +119,6 @@ class Enumeration(Stackable, metaclass=_Members):
 
 def _pick(words: np.ndarray, code: Array | np.ndarray) -> str | np.ndarray:
     picked = words[np.asarray(code)]
-    return picked if picked.ndim else str(picked)
+    if picked.ndim == 0:
+        return str(picked)
+    return picked

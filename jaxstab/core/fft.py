@@ -47,8 +47,11 @@ def inverse_transform(
 
 def num_waves(num_points: int, sharding: NamedSharding | None) -> int:
     """Return the number of modes along the last side of a half spectrum, padding included."""
-    count = 1 if sharding is None else sharding.mesh.shape[sharding.spec[0]]
-    return -(-(num_points // 2 + 1) // count) * count
+    num_modes = num_points // 2 + 1
+    if sharding is None:
+        return num_modes
+    num_devices = sharding.mesh.shape[sharding.spec[0]]
+    return -(-num_modes // num_devices) * num_devices
 
 
 def checked(sharding: object, shape: tuple[int, ...]) -> NamedSharding:

@@ -17,7 +17,7 @@ from jax.sharding import NamedSharding, PartitionSpec
 from jaxtyping import Array, Complex, Float, Shaped
 
 from jaxstab.core import fft
-from jaxstab.core.checks import array, concrete, integer, is_traced, parameter, require_positive
+from jaxstab.core.checks import as_array, concrete, integer, is_traced, parameter, require_positive
 from jaxstab.core.control_flow import on_platform
 from jaxstab.core.display import inline
 from jaxstab.core.types import ArrayLike, Field, Mask, Scalar
@@ -68,8 +68,9 @@ class Grid(eqx.Module):
         *,
         sharding: NamedSharding | None = None,
     ):
-        is_row = isinstance(shape, Sequence) or np.ndim(shape) > 0
-        numbers: Any = shape if is_row else (shape, shape)
+        numbers: Any = shape
+        if not (isinstance(shape, Sequence) or np.ndim(shape) > 0):
+            numbers = (shape, shape)
         self.shape = tuple(integer("A number of grid points", n) for n in numbers)
         if len(self.shape) not in (1, 2) or min(self.shape, default=0) < 2:
             raise ValueError(
@@ -85,8 +86,10 @@ class Grid(eqx.Module):
             raise ValueError(f"Grid lengths are {given}: give one for each side of {self.shape}.")
         require_positive("A grid length", given)
         sides = given * np.ones(len(self.shape), given.dtype)
-        self.lengths = sides if is_traced(sides) else array(sides)
-        self.sharding = None if sharding is None else fft.checked(sharding, self.shape)
+        self.lengths = as_array(sides)
+        self.sharding = None
+        if sharding is not None:
+            self.sharding = fft.checked(sharding, self.shape)
 
     @property
     def size(self) -> int:
@@ -124,7 +127,7 @@ class Grid(eqx.Module):
     def device_put(self, field: Shaped[Array | np.ndarray, "..."]) -> Shaped[Array, "..."]:
         """Put a field, a stack of fields or a spectrum on the grid's devices."""
         if self.sharding is None:
-            return array(field) if isinstance(field, np.ndarray) else field
+            return as_array(field)
         leading = (None,) * (field.ndim - len(self.shape))
         spec = PartitionSpec(*leading, *self.sharding.spec)
         sharding = NamedSharding(self.sharding.mesh, spec)
@@ -175,7 +178,7 @@ class Grid(eqx.Module):
         along = np.minimum(np.arange(fft.num_waves(half, self.sharding)), half // 2)
         axes = [*(np.fft.fftfreq(n, 1 / n) for n in full), along.astype(float)]
         waves = np.meshgrid(*axes, indexing="ij", sparse=True)
-        return tuple(k if self.sharding is None else k.T for k in waves)
+        return tuple(map(self._in_order, waves))
 
     @property
     @jax.jit
@@ -185,7 +188,13 @@ class Grid(eqx.Module):
         k = np.arange(fft.num_waves(half, self.sharding))
         along = np.where((k == 0) | (2 * k == half), 1.0, 2.0) * (k <= half // 2)
         modes = jnp.broadcast_to(along, (*full, k.size))
-        return self.device_put(modes if self.sharding is None else modes.T)
+        return self.device_put(self._in_order(modes))
+
+    def _in_order(self, modes: Any) -> Any:
+        """Return modes with their axes in the order of `transform`, swapped on several devices."""
+        if self.sharding is None:
+            return modes
+        return modes.T
 
 
 def resample(field: Field, shape: tuple[int, ...]) -> Float[Array, " *finer"]:
@@ -200,7 +209,10 @@ def resample(field: Field, shape: tuple[int, ...]) -> Float[Array, " *finer"]:
         modes = jax.lax.slice_in_dim(modes, 0, min(n, before) // 2 + 1, axis=axis)
         if n != before and min(n, before) % 2 == 0:
             # On the finer grid half of it is the wave -k; on the coarser the two waves are one.
-            modes = modes.at[(slice(None),) * axis + (-1,)].multiply(0.5 if n > before else 2)
+            weight = 2.0
+            if n > before:
+                weight = 0.5
+            modes = modes.at[(slice(None),) * axis + (-1,)].multiply(weight)
         field = jnp.fft.irfft(modes, n, axis=axis)
     return scale * field
 
@@ -233,7 +245,9 @@ def _added(left: tuple[Array, ...], right: tuple[Array, ...]) -> tuple[Array, ..
 def _totals_in_a_pass(*fields: Field) -> Float[Array, " fields"]:
     zeros = tuple(jnp.zeros((), field.dtype) for field in fields)
     rows = jnp.stack(jax.lax.reduce(fields, zeros, _added, (fields[0].ndim - 1,)))
-    return jax.vmap(total)(rows) if rows.ndim > 1 else rows
+    if rows.ndim == 1:
+        return rows
+    return jax.vmap(total)(rows)
 
 
 @_totals_in_a_pass.defjvp

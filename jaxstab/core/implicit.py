@@ -54,8 +54,9 @@ def _zero_without_slope(leaf: Array) -> Array:
 def _differentiate(rule: Rule, primals: tuple, tangents: tuple) -> tuple[Tree, Tree]:
     _, known, inputs = primals
     values = attach(rule, *primals)
-    changes = jax.tree.map(
-        lambda tangent: None if isinstance(tangent, SymbolicZero) else tangent, tangents[2]
+    changes = eqx.filter(
+        tangents[2],
+        lambda tangent: not isinstance(tangent, SymbolicZero),
     )
     return values, _changes(rule, values, known, inputs, changes)
 

@@ -28,12 +28,9 @@ NO_LIMIT = int(np.iinfo(np.int32).max)
 
 def optional_parameter(value: ArrayLike | None) -> Scalar | None:
     """Return `value` as a floating-point array, None as None."""
-    return None if value is None else parameter(value)
-
-
-def integer_parameter(value: ArrayLike) -> Int[Array, ""]:
-    """Return `value` as an array, without compiling anything."""
-    return value if isinstance(value, jax.Array) else array(value)
+    if value is None:
+        return None
+    return parameter(value)
 
 
 def solver_or_default(
@@ -44,11 +41,13 @@ def solver_or_default(
     Raises:
         TypeError: for anything but a solver of this kind, and for a class.
     """
-    if solver is not None and not isinstance(solver, kind):
+    if solver is None:
+        return default()
+    if not isinstance(solver, kind):
         given = getattr(solver, "__name__", type(solver).__name__)
         instance = f"an instance of {kind.__name__}, as {default.__name__}()"
         raise TypeError(f"The solver is {given}: give {instance}.")
-    return default() if solver is None else solver
+    return solver
 
 
 class Iteration(eqx.Module, Generic[State]):

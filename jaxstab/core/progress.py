@@ -25,10 +25,11 @@ def progress_bar(
     If `shown` is None it appears after a while in a terminal or a notebook, but not within another
     one, and does not stay. Where JAX transforms computations with the `inputs` none is shown.
     """
-    is_late = shown is None
-    is_shown = is_watched() and not _bars if is_late else shown
-    style = {"delay": _DELAY, "leave": False} if is_late else {}
-    is_hidden = not is_shown or is_transformed(inputs)
+    style = {}
+    if shown is None:
+        shown = is_watched() and not _bars
+        style = {"delay": _DELAY, "leave": False}
+    is_hidden = not shown or is_transformed(inputs)
     with tqdm(total=total, unit=unit, disable=is_hidden, initial=done, **style) as bar:
         _bars.append(bar)
         try:

@@ -143,7 +143,8 @@ def throw_failure(
     """
     if not throw:
         return tree
-    result = result if result.stack_shape == () else result[-1]
+    if result.stack_shape:
+        result = result[-1]
     failed: Bool[Array, ...] = (result != RESULTS.successful) & (result != RESULTS.interrupted)
     if is_traced(failed):
         return eqx.branched_error_if(tree, failed, result.code, RESULTS.texts.tolist())

@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, PyTree
 
-from jaxstab.core.checks import concrete, is_sharded, is_traced
+from jaxstab.core.checks import concrete, is_readable, is_sharded, is_traced
 
 Entry = TypeVar("Entry")
 
@@ -34,8 +34,10 @@ class Stackable:
     def __getitem__(self, index: PyTree) -> Self:
         shape = self._leading_axes()
         if isinstance(index, list):
-            # An empty list is of floats.
-            index = np.asarray(index, None if index else int)
+            index = np.asarray(index)
+            if index.size == 0:
+                # NumPy takes an empty list for one of floats.
+                index = index.astype(int)
         if not is_traced(index):
             # NumPy refuses an index beyond the end; JAX would take the last entry.
             _ = np.broadcast_to(False, shape)[index]
@@ -51,7 +53,7 @@ class Stackable:
 
 
 def _entry(leaf: Array, index: PyTree) -> Array:
-    if is_traced((leaf, index)) or is_sharded(leaf) or jax.default_backend() != "cpu":
+    if is_traced(index) or not is_readable(leaf) or jax.default_backend() != "cpu":
         return leaf[index]
     # NumPy indexes it, since JAX would compile for every shape.
     return jax.device_put(np.asarray(leaf)[index])
@@ -61,18 +63,21 @@ def stacked(entries: Sequence[Entry], like: Entry) -> Entry:
     """Stack results along a leading axis; `like` gives the shapes where there are none."""
 
     def stack(one: Array, *leaves: Array) -> Array:
-        if leaves and is_sharded(leaves[0]):
+        if not leaves:
+            return jax.device_put(np.zeros((0, *one.shape), one.dtype))
+        if is_sharded(leaves[0]):
             return jnp.stack(leaves)
         # NumPy stacks them, since JAX would compile for every number of entries.
-        empty = np.zeros((0, *one.shape), one.dtype)
-        return jax.device_put(np.stack(leaves) if leaves else empty)
+        return jax.device_put(np.stack(leaves))
 
     return jax.tree.map(stack, like, *entries)
 
 
 def nothing_like(leaf: Array) -> Array:
     """Return NaN in place of floating-point numbers, zero in place of others."""
-    return jnp.full_like(leaf, jnp.nan if leaf.dtype.kind == "f" else 0)
+    if leaf.dtype.kind == "f":
+        return jnp.full_like(leaf, jnp.nan)
+    return jnp.zeros_like(leaf)
 
 
 def first_entries(tree: Entry, number: int) -> Entry:

@@ -90,7 +90,9 @@ class Units(NamedTuple):
             ValueError: for a name of no unit of length, pressure, force or energy, and for a unit
                 of force or energy without those of length and pressure.
         """
-        unit = None if length is None else unit_of(length)
+        unit = None
+        if length is not None:
+            unit = unit_of(length)
         if pressure is None and unit == "m":
             pressure = "Pa"
         if pressure is not None:
@@ -186,7 +188,9 @@ def in_units_of(value: Array, dimension: Dimension, pressure: Scalar) -> Array:
     power = sum(sign * of_pressure for sign, of_pressure, _ in _powers(dimension))
     if power == 0:
         return value
-    return value / (pressure if power == 1 else pressure**power)
+    if power == 1:
+        return value / pressure
+    return value / pressure**power
 
 
 @cache
@@ -249,11 +253,11 @@ def _derived(
     if given is None:
         return None
     symbol = symbol_of(name, given, known)
-    if length is None or pressure is None:
-        unknown = "length" if length is None else "pressure"
+    unknown = [name for name, x in (("length", length), ("pressure", pressure)) if x is None]
+    if unknown:
         raise ValueError(
-            f"The unit of {name} is {given!r}, but that of {unknown} is unknown: give both, as in "
-            'unit="nm", pressure_unit="GPa".'
+            f"The unit of {name} is {given!r}, but that of {unknown[0]} is unknown: give both, as "
+            'in unit="nm", pressure_unit="GPa".'
         )
     return symbol
 
@@ -273,7 +277,10 @@ def symbol_of(name: str, given: object, known: Collection[str]) -> str:
 def converted(value: np.ndarray, unit: str, other: str) -> np.ndarray:
     """Return lengths in another unit, rounded once: units are whole powers of ten apart."""
     exponent = LENGTHS[unit] - LENGTHS[other]
-    return value * 10.0**exponent if exponent >= 0 else value / 10.0**-exponent
+    if exponent < 0:
+        # A negative power of ten is rounded itself.
+        return value / 10.0**-exponent
+    return value * 10.0**exponent
 
 
 def unit_symbol(units: Units, dimension: str) -> str:
@@ -336,12 +343,23 @@ def measured(units: Units, value: float, dimension: str, digits: int = 3) -> str
 def shown_unit(unit: str) -> str:
     """Return a unit as it stands beside a number; nothing where it is unknown, even in a part."""
     is_known = _DIMENSIONS.isdisjoint(re.findall("[a-z]+", unit))
-    return typeset(unit) if is_known and unit != "1" else ""
+    if not is_known or unit == "1":
+        return ""
+    return typeset(unit)
+
+
+def named_with_unit(name: str, unit: str) -> str:
+    """Return the title of a column, with the unit in brackets if there is one."""
+    if not unit:
+        return name
+    return f"{name} [{unit}]"
 
 
 def in_brackets(unit: str) -> str:
     """Return a unit for a label, in brackets; nothing for a plain number."""
-    return "" if unit in ("", "1") else f"[{typeset(unit)}]"
+    if unit in ("", "1"):
+        return ""
+    return f"[{typeset(unit)}]"
 
 
 def typeset(unit: str) -> str:
@@ -359,7 +377,8 @@ def _in_si(units: Units, dimension: str) -> tuple[int | None, str]:
     length = units.length
     pressure = units.pressure
     sides = units.sides
-    dimension = _ON_A_LINE.get(dimension, dimension) if sides == 1 else dimension
+    if sides == 1:
+        dimension = _ON_A_LINE.get(dimension, dimension)
     if length is None or pressure is None or not re.search("energy|force|voltage", dimension):
         known = {"length": length, "pressure": pressure}
         return None, re.sub("[a-z]+", lambda word: known.get(word[0]) or word[0], dimension)

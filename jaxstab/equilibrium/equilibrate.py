@@ -136,7 +136,9 @@ def started(contact: Contact, load: Load, initial: Field) -> Field:
     """Return a gap to start a solver from, NaN for a load or a contact without an answer."""
     control = contact.control(load)
     start = jnp.maximum(initial.astype(contact.heights.dtype), 0)
-    gap = control.restore(start / jnp.max(start) if control.fixes_mean else start)
+    if control.fixes_mean:
+        start = start / jnp.max(start)
+    gap = control.restore(start)
     lift = partial(_lift_off_core, contact, control)
     gap = jax.lax.cond(contact.has_core, lift, lambda gap: gap, gap)
     return jnp.where(control.is_feasible & contact.is_valid, gap, jnp.nan)
@@ -198,7 +200,9 @@ def _describe(contact: Contact, equilibrium: Equilibrium) -> str:
     contact, equilibrium = jax.lax.stop_gradient((contact, equilibrium))
     load = equilibrium.load
     control = contact.control(load)
-    held = f", a mean gap of {control.mean_gap:.6g}," if isinstance(control, GapControl) else ""
+    held = ""
+    if isinstance(control, GapControl):
+        held = f", a mean gap of {control.mean_gap:.6g},"
     return (
         f"No equilibrium found at {type(load).__name__}({load.value:.6g}){held} after "
         f"{equilibrium.num_steps} steps with a relative residual of {equilibrium.residual:.3g}"

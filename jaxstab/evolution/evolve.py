@@ -120,8 +120,9 @@ def evolve(
     instants = parameter(times, "The times").astype(contact.heights.dtype)
     _require_value_at_each_time(load, concrete(instants))
     require_same_machine(load)
-    given_rtol = RTOL[instants.dtype.name] if rtol is None else rtol
-    tolerance = scalar_parameter(given_rtol, "rtol").astype(instants.dtype)
+    if rtol is None:
+        rtol = RTOL[instants.dtype.name]
+    tolerance = scalar_parameter(rtol, "rtol").astype(instants.dtype)
     tolerance = positive_parameter(tolerance, "rtol")
     room = integer("max_steps", max_steps)
     require("max_steps", room, room > 0, "it must be positive.")
@@ -213,10 +214,12 @@ def _leg_by_leg(
     for leg in map(Leg, *legs):
         try:
             after, end = jax.block_until_ready(follow_leg(stepping, steps, leg))
+            if not fields:
+                end = end._replace(internal=None)
             # The steps and the end of their leg belong together.
             with interrupts_after():
                 steps = after
-                ends.append(end if fields else end._replace(internal=None))
+                ends.append(end)
             bar.update()
         except early_ends():
             if not ends:

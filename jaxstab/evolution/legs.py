@@ -162,7 +162,9 @@ def _follow_leg(stepping: TimeStepping, steps: Steps, leg: Leg) -> tuple[Steps, 
     is_short = (fraction < 1) & (record.result == RESULTS.successful)
     why = RESULTS.where(span > 0, RESULTS.store_full, RESULTS.unordered_times)
     result = RESULTS.where(is_short, why, record.result)
-    internal = or_nan(record.internal, result) if stepping.keeps_internal else None
+    internal = None
+    if stepping.keeps_internal:
+        internal = or_nan(record.internal, result)
     end = LegEnd(or_nan(record.totals, result), internal, result, increments.count)
     return (replace(record, result=result), increments), end
 

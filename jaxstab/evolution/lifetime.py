@@ -51,7 +51,8 @@ def lifetime(
             contact that has not come to rest.
     """
     require_viscoelastic(contact)
-    rtol = RTOL[contact.heights.dtype.name] if rtol is None else rtol
+    if rtol is None:
+        rtol = RTOL[contact.heights.dtype.name]
     require_known((contact, load, initial, until), "lifetime")
     require_loads(load, (), "lifetime takes one load", "use a loop.")
     with warned_once(contact, FOR_JUMPS):

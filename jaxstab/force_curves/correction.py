@@ -2,12 +2,12 @@
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from jaxstab.core.units import typeset
-from jaxstab.force_curves.segment import SIGNIFICANT, Segment
+from jaxstab.force_curves.segment import SIGNIFICANT, Segment, scaled, tip_from_height
 
 _FEWEST = 50
 _FEWEST_PRESSED = 10
@@ -93,31 +93,34 @@ class Correction:
     def scaled(self, length: float, force: float) -> "Correction":
         """Return the correction in other units, given factors."""
         lengths = ("contact_point", "contact_error", "drift", "drift_error")
-        values = {name: getattr(self, name) for name in lengths}
-        changed = {name: None if x is None else x * length for name, x in values.items()}
-        baselines = {
-            name: None if line is None else line.scaled(length, force)
-            for name, line in (("approach", self.approach), ("retraction", self.retraction))
-        }
-        return replace(self, **changed, **baselines)
+        changed: dict[str, Any] = {name: scaled(getattr(self, name), length) for name in lengths}
+        changed |= {name: line.scaled(length, force) for name, line in self._baselines()}
+        return replace(self, **changed)
+
+    def _baselines(self) -> Iterator[tuple[str, Baseline]]:
+        if self.approach is not None:
+            yield "approach", self.approach
+        if self.retraction is not None:
+            yield "retraction", self.retraction
 
     def rows(self, unit: str, force_unit: str) -> Iterator[tuple[str, str]]:
         """Yield a name and a text for each number, with its error and its unit."""
         slope = typeset(f"{force_unit}/{unit}")
-        for name, line in (("approach", self.approach), ("retraction", self.retraction)):
-            if line is not None:
-                force = _with_error(line.force, line.force_error)
-                tilt = _with_error(line.slope, line.slope_error)
-                yield (
-                    "baseline",
-                    f"{name}: {force} {force_unit} at contact, tilt {tilt} {slope}, noise "
-                    f"{line.noise:.3g} {force_unit}, {line.number} points",
-                )
+        for name, line in self._baselines():
+            force = _with_error(line.force, line.force_error)
+            tilt = _with_error(line.slope, line.slope_error)
+            yield (
+                "baseline",
+                f"{name}: {force} {force_unit} at contact, tilt {tilt} {slope}, noise "
+                f"{line.noise:.3g} {force_unit}, {line.number} points",
+            )
         if self.contact_point is not None and self.contact_error is not None:
             yield "contact point", f"{_with_error(self.contact_point, self.contact_error)} {unit}"
         if self.drift is not None and self.drift_error is not None:
-            per = "s" if self.has_times else "point"
-            yield "drift", f"{_with_error(self.drift, self.drift_error)} {unit}/{per}"
+            per_time = f"{unit}/s"
+            if not self.has_times:
+                per_time = f"{unit}/point"
+            yield "drift", f"{_with_error(self.drift, self.drift_error)} {per_time}"
 
 
 @dataclass(frozen=True)
@@ -241,7 +244,7 @@ def _removed(lines: Mapping[str, "_Line"], height: float) -> Correction:
 def _moved(segment: Segment, constant: float | None, by: np.ndarray | float = 0.0) -> Segment:
     """Return a segment from other heights, its tip position by the spring constant."""
     height = segment.height - by
-    tip = None if constant is None else height + segment.force / constant
+    tip = tip_from_height(height, segment.force, constant)
     return replace(segment, height=height, tip=tip)
 
 
@@ -252,13 +255,17 @@ def clocks_of(segments: Mapping[str, Segment]) -> dict[str, np.ndarray]:
     """
     if all(segment.time is not None for segment in segments.values()):
         times = {name: np.asarray(segment.time) for name, segment in segments.items()}
-        turn = times["approach"][-1] if "approach" in times else times["retraction"][0]
+        if "approach" in times:
+            turn = times["approach"][-1]
+        else:
+            turn = times["retraction"][0]
         return {name: time - turn for name, time in times.items()}
-    starts = dict.fromkeys(segments, 0) | {"approach": 1 - len(segments.get("approach", ()))}
-    return {
-        name: np.zeros(len(x)) if name.startswith("pause") else starts[name] + np.arange(len(x))
-        for name, x in segments.items()
-    }
+    clocks = {name: np.zeros(len(segment)) for name, segment in segments.items()}
+    if "approach" in clocks:
+        clocks["approach"] = np.arange(1.0 - len(segments["approach"]), 1)
+    if "retraction" in clocks:
+        clocks["retraction"] = np.arange(float(len(segments["retraction"])))
+    return clocks
 
 
 def _with_zeros(
@@ -325,7 +332,9 @@ def _free_of_force(line: _Line, height: np.ndarray, force: np.ndarray, block: in
     errors = np.sqrt(noise**2 + np.einsum("ij,ik,kj->j", away, line.covariance, away))
     is_force = np.abs(means) > SIGNIFICANT * errors
     is_force[:inside] = False
-    return int((1 - _MARGIN) * np.argmax(is_force) * block) if is_force.any() else len(force)
+    if not is_force.any():
+        return len(force)
+    return int((1 - _MARGIN) * np.argmax(is_force) * block)
 
 
 def _fitted(height: np.ndarray, force: np.ndarray, is_tilted: bool) -> _Line:
@@ -369,7 +378,9 @@ def _line_of_retraction(segments: Mapping[str, Segment], approach: _Line, is_til
     except _NoBaseline:
         return approach
     apart = abs(line.coefficients[1] - approach.coefficients[1]) * np.ptp(_known(segment.height))
-    return approach if apart > _ATTACHED * np.ptp(_known(segments["approach"].force)) else line
+    if apart > _ATTACHED * np.ptp(_known(segments["approach"].force)):
+        return approach
+    return line
 
 
 def _known(values: np.ndarray) -> np.ndarray:
@@ -427,7 +438,9 @@ def _pressed(segment: Segment, least: float, most: float, noise: float) -> _Pres
     start = len(means) - int(np.argmax(is_low[::-1]))
     is_high = above >= most * above.max()
     is_high[:start] = False
-    end = int(np.argmax(is_high)) if is_high.any() else len(means)
+    end = len(means)
+    if is_high.any():
+        end = int(np.argmax(is_high))
     chosen = slice(start * block, end * block)
     return _Pressed(
         force=force[chosen],
@@ -482,7 +495,8 @@ def _contact(segment: Segment, constant: float, noise: float) -> tuple[float, fl
             "follows: measure more slowly, or with more points."
         )
     # The block means of a force that is nowhere negative scatter about zero.
-    attraction = attraction if attraction > SIGNIFICANT * error else 0.0
+    if attraction <= SIGNIFICANT * error:
+        attraction = 0.0
     # The variables are d, K^(-2/3), and a factor of the attraction, which is about one.
     found = np.array([0.0, 0.0, 1.0])
     prior = noise / _FACTOR_ERROR

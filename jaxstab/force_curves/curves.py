@@ -155,8 +155,10 @@ class ForceCurves(Sequence[ForceCurve]):
         if self.shape is not None:
             there = int(np.sum(self.numbers >= 0))
             holes = self.numbers.size - there
-            missing = f", {holes} of {self.numbers.size} pixels missing" if holes else ""
-            rows.append(("map", f"{times(self.shape)} pixels{missing}"))
+            text = f"{times(self.shape)} pixels"
+            if holes:
+                text += f", {holes} of {self.numbers.size} pixels missing"
+            rows.append(("map", text))
         rows += [("gaps", f"{number} of {count} curves: {gap}") for gap, number in self._gaps()]
         rows += [
             ("looks wrong", f"{number} of {count} curves: {sentence}")
@@ -185,5 +187,6 @@ def all_of(fate: str, reasons: Sequence[str], count: int) -> str:
     if count == 1:
         return reasons[0]
     named = " ".join(reasons[:_MOST_NAMED])
-    more = "" if len(reasons) <= _MOST_NAMED else " ..."
-    return f"{len(reasons)} of {count} curves {fate}. {named}{more}"
+    if len(reasons) > _MOST_NAMED:
+        named += " ..."
+    return f"{len(reasons)} of {count} curves {fate}. {named}"

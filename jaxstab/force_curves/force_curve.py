@@ -10,7 +10,7 @@ from jaxstab.core.checks import require_one_of
 from jaxstab.core.optional_packages import require_packages
 from jaxstab.core.units import FORCES, LENGTHS, symbol_of, typeset, unit_of
 from jaxstab.force_curves.correction import Correction, correct
-from jaxstab.force_curves.segment import SIGNIFICANT, Segment
+from jaxstab.force_curves.segment import SIGNIFICANT, Segment, scaled, tip_from_height
 
 # Xarray is imported where it is used, since its import is slow.
 if TYPE_CHECKING:
@@ -135,14 +135,20 @@ class ForceCurve:
         length = 10.0 ** (LENGTHS[self.unit] - LENGTHS[unit])
         force = 10.0 ** (FORCES[self.force_unit] - FORCES[force_unit])
         curve = self._each(lambda segment: segment.scaled(length, force))
+        position = self.position
+        if position is not None:
+            position = (position[0] * length, position[1] * length)
+        correction = self.correction
+        if correction is not None:
+            correction = correction.scaled(length, force)
         return replace(
             curve,
             unit=unit,
             force_unit=force_unit,
-            spring_constant=_times(self.spring_constant, force / length),
-            sensitivity=_times(self.sensitivity, length),
-            position=None if self.position is None else _scaled_pair(self.position, length),
-            correction=None if self.correction is None else self.correction.scaled(length, force),
+            spring_constant=scaled(self.spring_constant, force / length),
+            sensitivity=scaled(self.sensitivity, length),
+            position=position,
+            correction=correction,
         )
 
     def __neg__(self) -> "ForceCurve":
@@ -150,7 +156,7 @@ class ForceCurve:
         constant = self.spring_constant
 
         def reverse(segment: Segment) -> Segment:
-            tip = None if constant is None else segment.height - segment.force / constant
+            tip = tip_from_height(segment.height, -segment.force, constant)
             return replace(segment, force=-segment.force, tip=tip)
 
         remarks = (*self.remarks, "forces reversed")
@@ -194,8 +200,10 @@ class ForceCurve:
             if value is not None:
                 variables[name] = ((), value, {"long_name": name.replace("_", " "), "units": unit})
         attributes: dict[str, Any] = {"title": "Force curve", "source": self.source}
-        attributes |= {"instrument": self.instrument} if self.instrument else {}
-        attributes |= {"remarks": "; ".join(self.remarks)} if self.remarks else {}
+        if self.instrument:
+            attributes["instrument"] = self.instrument
+        if self.remarks:
+            attributes["remarks"] = "; ".join(self.remarks)
         return xarray.Dataset(variables, attrs=attributes)
 
     def __repr__(self) -> str:
@@ -205,14 +213,13 @@ class ForceCurve:
         yield "source", self.source or "not from a file"
         if self.instrument:
             yield "instrument", self.instrument
-        for name, segment in {"approach": None, "retraction": None, **self.segments}.items():
-            yield name, "missing" if segment is None else self._described(segment)
-        constant = self.spring_constant
-        unit = "N/m" if constant is not None else ""
-        if constant is not None:
+        texts = {name: self._described(segment) for name, segment in self.segments.items()}
+        yield from ({"approach": "missing", "retraction": "missing"} | texts).items()
+        constant = "missing: no tip position"
+        if self.spring_constant is not None:
             per_si = 10.0 ** (FORCES[self.force_unit] - LENGTHS[self.unit])
-            constant = f"{constant * per_si:.6g}"
-        yield "spring constant", f"{constant} {unit}" if unit else "missing: no tip position"
+            constant = f"{self.spring_constant * per_si:.6g} N/m"
+        yield "spring constant", constant
         if self.sensitivity is not None:
             yield "sensitivity", f"{self.sensitivity:.6g} {self.unit}/V"
         if self.position is not None:
@@ -228,16 +235,18 @@ class ForceCurve:
     def _described(self, segment: Segment) -> str:
         if segment.num_missing == len(segment):
             return f"{len(segment)} points, all of them missing"
-        missing = f", {segment.num_missing} missing" if segment.num_missing else ""
-        ranges = [
-            f"{name} {np.nanmin(values):.4g} to {np.nanmax(values):.4g} {typeset(unit)}"
-            for name, values, unit in [
-                ("height", segment.height, self.unit),
-                ("force", segment.force, self.force_unit),
-            ]
-        ]
-        speed = "" if segment.speed is None else f", {segment.speed:.4g} {self.unit}/s"
-        return f"{len(segment)} points{missing}, {', '.join(ranges)}{speed}"
+        parts = [f"{len(segment)} points"]
+        if segment.num_missing:
+            parts.append(f"{segment.num_missing} missing")
+        for name, values, unit in (
+            ("height", segment.height, self.unit),
+            ("force", segment.force, self.force_unit),
+        ):
+            lowest = f"{name} {np.nanmin(values):.4g}"
+            parts.append(f"{lowest} to {np.nanmax(values):.4g} {typeset(unit)}")
+        if segment.speed is not None:
+            parts.append(f"{segment.speed:.4g} {self.unit}/s")
+        return ", ".join(parts)
 
     def _ends(self) -> list[tuple[str, Segment]]:
         ends = [("approach", self.approach), ("retraction", self.retraction)]
@@ -245,12 +254,8 @@ class ForceCurve:
 
     def _each(self, change: Any) -> "ForceCurve":
         """Return the curve with each segment changed."""
-        return replace(
-            self,
-            approach=None if self.approach is None else change(self.approach),
-            retraction=None if self.retraction is None else change(self.retraction),
-            pauses=tuple(map(change, self.pauses)),
-        )
+        ends = {name: change(segment) for name, segment in self._ends()}
+        return replace(self, **ends, pauses=tuple(map(change, self.pauses)))
 
 
 def _is_reversed(segment: Segment) -> bool:
@@ -266,11 +271,3 @@ def _is_reversed(segment: Segment) -> bool:
     noise = 1.4826 * np.median(np.abs(far - zero))
     deep = np.median(force[order[: max(int(_DEEP * count), 1)]]) - zero
     return bool(deep < -SIGNIFICANT * noise and -deep > force.max() - zero)
-
-
-def _times(value: float | None, factor: float) -> float | None:
-    return None if value is None else value * factor
-
-
-def _scaled_pair(pair: tuple[float, float], factor: float) -> tuple[float, float]:
-    return pair[0] * factor, pair[1] * factor

@@ -36,11 +36,12 @@ def read_instrument(
             _recording(curve, given, _source(path, number, len(curves)), remarks)
             for number, curve in enumerate(curves)
         ]
-        shapes = {_pair(curve.metadata, "grid shape {}") for curve in curves}
+        shapes = {_whole_pair(curve.metadata, "grid shape {}") for curve in curves}
     except (*_errors(), LookupError, TypeError, OSError) as error:
         raise ValueError(f"afmformats: the file is damaged ({_said(error)}).") from None
-    shape = shapes.pop() if len(shapes) == 1 else None
-    return recordings, None if shape is None else (int(shape[0]), int(shape[1]))
+    if len(shapes) > 1:
+        return recordings, None
+    return recordings, shapes.pop()
 
 
 def _errors() -> tuple[type[BaseException], ...]:
@@ -97,7 +98,9 @@ def _reason(path: Path, error: BaseException) -> str:
 
 def _said(error: object) -> str:
     text = " ".join(str(error).split()) or type(error).__name__
-    return text if len(text) < 200 else f"{text[:200]}..."
+    if len(text) < 200:
+        return text
+    return f"{text[:200]}..."
 
 
 def _recording(
@@ -131,7 +134,7 @@ def _recording(
         spring_constant=constant,
         sensitivity=known["sensitivity"],
         position=_pair(metadata, "position {}"),
-        pixel=_pixel(metadata),
+        pixel=_whole_pair(metadata, "grid index {}"),
         source=source,
         instrument=str(metadata.get("instrument", "")),
         remarks=remarks,
@@ -140,13 +143,19 @@ def _recording(
 
 def _pair(metadata: Any, name: str) -> tuple[float, float] | None:
     pair = [metadata.get(name.format(axis)) for axis in "xy"]
-    return None if None in pair else (pair[0], pair[1])
+    if None in pair:
+        return None
+    return pair[0], pair[1]
 
 
-def _pixel(metadata: Any) -> tuple[int, int] | None:
-    pair = _pair(metadata, "grid index {}")
-    return None if pair is None else (int(pair[0]), int(pair[1]))
+def _whole_pair(metadata: Any, name: str) -> tuple[int, int] | None:
+    pair = _pair(metadata, name)
+    if pair is None:
+        return None
+    return int(pair[0]), int(pair[1])
 
 
 def _source(path: Path, number: int, count: int) -> str:
-    return path.name if count == 1 else f"{path.name}, curve {number}"
+    if count == 1:
+        return path.name
+    return f"{path.name}, curve {number}"

@@ -51,7 +51,9 @@ _WITHOUT_UNIT = {"segment", "curve"}
 def is_named_table(text: str) -> bool:
     """Whether the first line that is no comment names columns with units."""
     lines = list(_lines(text))
-    cells = _cells(lines[0][1], _separator(lines[0][1])) if lines else []
+    if not lines:
+        return False
+    cells = _cells(lines[0][1], _separator(lines[0][1]))
     return any(match["name"] for match in map(_TITLE.fullmatch, cells) if match)
 
 
@@ -100,11 +102,15 @@ def read_named_columns(
     recordings = []
     for group in groups:
         rows = {kind: values[number_of == group] for kind, values in table.items()}
-        source = name if len(groups) == 1 else f"{name}, curve {group}"
+        source = name
+        if len(groups) > 1:
+            source = f"{name}, curve {group}"
         try:
             recording = _recording(rows, columns, constant, sensitivity)
         except ValueError as error:
-            raise ValueError(f"curve {group}: {error}" if len(groups) > 1 else str(error)) from None
+            if len(groups) == 1:
+                raise
+            raise ValueError(f"curve {group}: {error}") from None
         recordings.append(
             Recording(**recording, source=source, remarks=remarks, labels=rows.get("segment"))
         )
@@ -122,10 +128,14 @@ def agreed(name: str, given: float | None, stated: float | None, unit: str) -> f
             f"its {name} is {stated:.6g} {unit}, the given one {given:.6g} {unit}: leave that out. "
             "The forces in the file rest on its own."
         )
-    value = stated if given is None else given
-    if value is not None and not 0 < value < np.inf:
+    value = given
+    if value is None:
+        value = stated
+    if value is None:
+        return None
+    if not 0 < value < np.inf:
         raise ValueError(f"the {name} is {value:.6g} {unit}: it must be positive.")
-    return None if value is None else float(value)
+    return float(value)
 
 
 def _recording(
@@ -172,6 +182,9 @@ def _recording(
         raise ValueError(
             "its x and y change within a curve: number its curves in a column `curve`."
         )
+    position = None
+    if len(place) == 2:
+        position = (float(place[0][0]), float(place[1][0]))
     return {
         "force": force,
         "height": height,
@@ -179,7 +192,7 @@ def _recording(
         "time": values.get("time"),
         "spring_constant": constant,
         "sensitivity": sensitivity,
-        "position": (float(place[0][0]), float(place[1][0])) if len(place) == 2 else None,
+        "position": position,
     }
 
 
@@ -187,11 +200,15 @@ def _columns(titles: list[str]) -> list[_Column]:
     """Return the columns by their titles; those of other names have no kind."""
     columns = []
     for title in map(str.strip, titles):
-        match = _TITLE.fullmatch(title)
-        name = match["name"] if match else title
-        unit = match["unit"] if match else ""
+        name = title
+        unit = ""
+        if match := _TITLE.fullmatch(title):
+            name = match["name"]
+            unit = match["unit"]
         kind = _NAMES.get(re.sub(r"[\W_]+", " ", name.lower()).strip(), "")
-        exponent = _exponent(kind, title, unit) if kind in _KINDS else 0
+        exponent = 0
+        if kind in _KINDS:
+            exponent = _exponent(kind, title, unit)
         columns.append(_Column(kind, title, unit, exponent))
     kinds = [column.kind for column in columns if column.kind]
     for kind in kinds:
@@ -221,10 +238,15 @@ def _exponent(kind: str, title: str, unit: str) -> int:
         except ValueError:
             symbol = ""
     if symbol not in table:
-        said = f"the unit {unit!r}" if unit else "no unit"
+        stated = "no unit"
+        if unit:
+            stated = f"the unit {unit!r}"
+        example = next(iter(table))
+        if table is FORCES:
+            example = "nN"
         raise ValueError(
-            f"its column {title!r} has {said}: name {_KINDS[kind]}, one of {', '.join(table)}, as "
-            f"in `{kind} [{'nN' if table is FORCES else next(iter(table))}]`."
+            f"its column {title!r} has {stated}: name {_KINDS[kind]}, one of {', '.join(table)}, "
+            f"as in `{kind} [{example}]`."
         )
     return table[symbol]
 
@@ -257,32 +279,35 @@ def _table(
 def _number(line: int, cell: str, title: str, has_commas: bool) -> float:
     if not cell:
         return np.nan
+    text = cell
+    if has_commas:
+        text = cell.replace(",", ".")
     try:
-        return float(cell.replace(",", ".") if has_commas else cell)
+        return float(text)
     except ValueError:
         raise ValueError(f"its column {title!r} has {cell!r} on line {line}, no number.") from None
 
 
 def _stated(text: str) -> Iterator[tuple[str, float]]:
     """Yield the properties of the cantilever in comments, in SI units."""
-    per: dict[str, Callable[[str], float]] = {
-        "spring constant": lambda unit: _ratio(unit, FORCES, LENGTHS),
-        "sensitivity": lambda unit: _ratio(unit, LENGTHS, _VOLTAGES),
+    per: dict[str, tuple[Callable[[str], float], str]] = {
+        "spring constant": (lambda unit: _ratio(unit, FORCES, LENGTHS), "0.2 N/m"),
+        "sensitivity": (lambda unit: _ratio(unit, LENGTHS, _VOLTAGES), "50 nm/V"),
     }
     for line in text.splitlines():
         name, mark, value = line.strip().lstrip("#% ").partition(":")
         if line.strip()[:1] in ("#", "%") and mark and name.strip().lower() in per:
             match = _QUANTITY.fullmatch(value)
             name = name.strip().lower()
+            ratio_of, example = per[name]
             try:
                 if match is None:
                     raise ValueError
-                yield name, float(match["value"]) * per[name](match["unit"])
+                yield name, float(match["value"]) * ratio_of(match["unit"])
             except ValueError:
-                unit = "0.2 N/m" if name == "spring constant" else "50 nm/V"
                 raise ValueError(
                     f"its comment {line.strip()!r} states no {name}: write it as "
-                    f"`# {name}: {unit}`."
+                    f"`# {name}: {example}`."
                 ) from None
 
 

@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+from jaxstab.core.checks import file_named_in_errors
 from jaxstab.core.warn import warn
 from jaxstab.force_curves.curves import ForceCurves, all_of
 from jaxstab.force_curves.force_curve import ForceCurve, ForceCurveWarning
@@ -52,17 +53,14 @@ def read(
         ForceCurveWarning: for forces whose sign seems to be wrong, and curves that are left out.
     """
     path = Path(path)
-    if not path.exists():
-        raise FileNotFoundError(f"{path} does not exist.")
-    try:
+    with file_named_in_errors(path):
         curves, count = _curves(path, spring_constant, sensitivity)
-    except (ImportError, ValueError) as error:
-        kind = ImportError if isinstance(error, ImportError) else ValueError
-        raise kind(f"{path}: {error}") from None
     suspicions = [f"{x.source}: {' '.join(x.suspicions)}" for x in curves if x.suspicions]
     if suspicions:
         warn(all_of("look wrong", suspicions, count), ForceCurveWarning)
-    return curves if count > 1 or curves.shape is not None else curves[0]
+    if count == 1 and curves.shape is None:
+        return curves[0]
+    return curves
 
 
 def _curves(

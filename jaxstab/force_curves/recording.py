@@ -2,11 +2,12 @@
 
 from dataclasses import dataclass, replace
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 
 from jaxstab.force_curves.force_curve import ForceCurve
-from jaxstab.force_curves.segment import Segment
+from jaxstab.force_curves.segment import Segment, tip_from_height
 
 # A segment moves the cantilever by at least this part of the range of heights.
 _MOVE = 0.05
@@ -59,28 +60,22 @@ class Recording:
             raise ValueError("its height is the same at all points.")
         runs, remarks = self._runs(extent)
         ways = [self._way(run) for run in runs]
-        down = int(np.argmin(ways)) if min(ways) < -_MOVE * extent else None
-        up = int(np.argmax(ways)) if max(ways) > _MOVE * extent else None
+        down = None
+        if min(ways) < -_MOVE * extent:
+            down = int(np.argmin(ways))
+        up = None
+        if max(ways) > _MOVE * extent:
+            up = int(np.argmax(ways))
         self._require_direction(runs, down, up)
-        tip = self.tip
-        if tip is None and self.spring_constant is not None:
-            tip = self.height + self.force / self.spring_constant
-        segments = [
-            Segment(
-                force=self.force[run],
-                height=self.height[run],
-                tip=None if tip is None else tip[run],
-                time=None if self.time is None else self.time[run],
-            )
-            for run in runs
-        ]
-        approach, retraction = (
-            None if number is None else replace(segments[number], stated_speed=speed)
-            for number, speed in zip((down, up), self.speeds, strict=True)
-        )
+        segments = [self._segment(run) for run in runs]
+        ends: dict[str, Any] = {"approach": None, "retraction": None}
+        for name, number, speed in zip(
+            ("approach", "retraction"), (down, up), self.speeds, strict=True
+        ):
+            if number is not None:
+                ends[name] = replace(segments[number], stated_speed=speed)
         return ForceCurve(
-            approach=approach,
-            retraction=retraction,
+            **ends,
             pauses=tuple(part for i, part in enumerate(segments) if i not in (down, up)),
             spring_constant=self.spring_constant,
             sensitivity=self.sensitivity,
@@ -90,6 +85,18 @@ class Recording:
             instrument=self.instrument,
             remarks=(*self.remarks, *remarks),
         )
+
+    def _segment(self, run: slice) -> Segment:
+        """Return the points of a segment."""
+        force = self.force[run]
+        height = self.height[run]
+        tip = tip_from_height(height, force, self.spring_constant)
+        if self.tip is not None:
+            tip = self.tip[run]
+        time = self.time
+        if time is not None:
+            time = time[run]
+        return Segment(force=force, height=height, tip=tip, time=time)
 
     def _runs(self, extent: float) -> tuple[list[slice], tuple[str, ...]]:
         """Return the slices of the segments, and a remark if the file does not tell them apart."""
@@ -112,7 +119,9 @@ class Recording:
         """Return the change of the height from the first to the last point that is known."""
         height = self.height[run]
         known = height[np.isfinite(height)]
-        return float(known[-1] - known[0]) if known.size else 0.0
+        if not known.size:
+            return 0.0
+        return float(known[-1] - known[0])
 
     def _require_direction(self, runs: list[slice], down: int | None, up: int | None) -> None:
         """Raise `ValueError` if the height grows in the approach, or falls in the retraction."""

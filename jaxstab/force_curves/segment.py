@@ -1,8 +1,11 @@
 """A segment of a force curve: the columns of approach, retraction or a pause."""
 
 from dataclasses import dataclass
+from typing import TypeVar, overload
 
 import numpy as np
+
+Value = TypeVar("Value", float, np.ndarray)
 
 # A force is told from noise if it exceeds its standard error so many times.
 SIGNIFICANT = 5.0
@@ -73,7 +76,27 @@ class Segment:
         return Segment(
             force=self.force * force,
             height=self.height * length,
-            tip=None if self.tip is None else self.tip * length,
+            tip=scaled(self.tip, length),
             time=self.time,
-            stated_speed=None if self.stated_speed is None else self.stated_speed * length,
+            stated_speed=scaled(self.stated_speed, length),
         )
+
+
+@overload
+def scaled(value: None, factor: float) -> None: ...
+@overload
+def scaled(value: Value, factor: float) -> Value: ...
+def scaled(value: Value | None, factor: float) -> Value | None:
+    """Return a value in another unit, None if it is missing."""
+    if value is None:
+        return None
+    return value * factor
+
+
+def tip_from_height(
+    height: np.ndarray, force: np.ndarray, spring_constant: float | None
+) -> np.ndarray | None:
+    """Return the tip position, height + force / spring constant, None if that is unknown."""
+    if spring_constant is None:
+        return None
+    return height + force / spring_constant

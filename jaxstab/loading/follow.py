@@ -116,9 +116,11 @@ def follow(
     cure = "a turning point repeats the one before: leave it out."
     require("The load", turns, (turns[1:] != turns[:-1]).all(), cure)
     require_same_machine(load)
-    least = _SMALLEST_JUMP if smallest_jump is None else smallest_jump
-    least = scalar_parameter(least, "smallest_jump")
-    share = parameter(_SMALLEST_SHARE if smallest_jump is None else 0.0)
+    share = parameter(0.0)
+    if smallest_jump is None:
+        smallest_jump = _SMALLEST_JUMP
+        share = parameter(_SMALLEST_SHARE)
+    least = scalar_parameter(smallest_jump, "smallest_jump")
     noise = scalar_parameter(disturbance, "The disturbance")
     require_positive("smallest_jump", least)
     require("The disturbance", noise, concrete(noise) >= 0, "it must not be negative.")
@@ -190,9 +192,12 @@ def _known_path(fields: bool, load_path: LoadPath, start: Field) -> Path:
             raise
         was_interrupted = True
     is_cut = not recording.is_complete
+    result = recording.last.result
+    if is_cut:
+        result = RESULTS.interrupted
     # The last end of a branch may not be located yet, which takes seconds.
     with interrupts_held() as held:
-        path = path_of(recording, RESULTS.interrupted if is_cut else recording.last.result)
+        path = path_of(recording, result)
     if is_cut:
         part = 100 * fraction_done(load, recording.last)
         warn(f"The path was interrupted at {part:.0f} %.", PathInterrupted)
@@ -202,8 +207,10 @@ def _known_path(fields: bool, load_path: LoadPath, start: Field) -> Path:
 
 
 def _describe(load: Load, path: Path) -> str:
-    last = float(path.load.value[-1]) if len(path.load.value) else float(load.value[0])
+    last = load.value[0]
+    if len(path.load.value):
+        last = path.load.value[-1]
     return (
-        f"The path ended at {type(load).__name__}({last:.6g}) after "
+        f"The path ended at {type(load).__name__}({float(last):.6g}) after "
         f"{several(len(path.load.value), 'state')} and {several(len(path.jumps.state), 'jump')}"
     )

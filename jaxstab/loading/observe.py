@@ -110,7 +110,9 @@ def observe(
     if isinstance(states, Evolution):
         require_same_contact(contact, states.contact, "The evolution")
     require_known((states, contact), "observe")
-    equilibrium = states if isinstance(states, Equilibrium) else states.equilibrium
+    equilibrium: Any = states
+    if not isinstance(states, Equilibrium):
+        equilibrium = states.equilibrium
     gaps = _gaps(contact, equilibrium)
     are_found = [bool(np.isfinite(gap).all()) for gap in gaps]
     if not any(are_found):
@@ -130,7 +132,9 @@ def observe(
 
 
 def _name(observable: Callable[..., Any]) -> str:
-    function = observable.func if isinstance(observable, partial) else observable
+    function = observable
+    if isinstance(observable, partial):
+        function = observable.func
     return getattr(function, "__name__", type(function).__name__)
 
 
@@ -186,9 +190,10 @@ def _row(observable: Callable[..., Any], contact: Contact, state: Equilibrium) -
 @own_conventions()
 def _filled(rows: list[Observable], are_found: list[bool]) -> Observable:
     """Return the rows of the states that were found, and of the others nothing."""
-    found = iter(rows)
-    nothing = jax.tree.map(nothing_like, rows[0])
-    return stacked([next(found) if is_found else nothing for is_found in are_found], rows[0])
+    filled = [jax.tree.map(nothing_like, rows[0])] * len(are_found)
+    for place, row in zip(np.flatnonzero(are_found), rows, strict=True):
+        filled[place] = row
+    return stacked(filled, rows[0])
 
 
 def _table(observed: Observed) -> dict[str, list[str]]:
@@ -201,7 +206,9 @@ def _table(observed: Observed) -> dict[str, list[str]]:
     add("contact area", observed.equilibrium.contact_area, NUMBER)
     for key, result in observed.observables.items():
         for field in result.shown or result.columns():
-            name = key if field == "number" else field.replace("_", " ")
+            name = field.replace("_", " ")
+            if field == "number":
+                name = key
             for suffix, values in by_side(getattr(result, field)):
                 add(name + suffix, values, dimensions(type(result)).get(field, NUMBER))
     return columns

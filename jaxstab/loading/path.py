@@ -122,8 +122,9 @@ class Path(StateSequence):
             f"Path: {self._extent}, {several(len(self.jumps), 'jump')}; {self.result.name}",
             *_energies(self),
         ]
-        table = [display.table(_jumps(self.jumps))] if len(self.jumps) else []
-        return "\n".join([*lines, *table])
+        if len(self.jumps):
+            lines.append(display.table(_jumps(self.jumps)))
+        return "\n".join(lines)
 
 
 @program
@@ -167,8 +168,12 @@ def _energies(path: Path) -> list[str]:
     work = np.asarray(path.equilibrium.work)
     losses = np.asarray(path.jumps.dissipation)
     is_known = np.isfinite(path.work)
-    number = len(losses) if is_known else np.isfinite(np.cumsum(losses)).sum()
-    done = float(path.work if is_known else work[np.isfinite(work)][-1])
+    if is_known:
+        number = len(losses)
+        done = float(path.work)
+    else:
+        number = int(np.isfinite(np.cumsum(losses)).sum())
+        done = float(work[np.isfinite(work)][-1])
     lost = float(losses[:number].sum())
     # One unit for all, as they are compared.
     divisor, unit = readable_unit(path.equilibrium.units, ENERGY, max(abs(done), lost))
@@ -187,12 +192,14 @@ def _energies(path: Path) -> list[str]:
     if abs(path.unlocated) > path.unlocated_error:
         amount = float(path.unlocated) / divisor
         error = float(path.unlocated_error) / divisor
-        name = "lost in jumps not located" if amount > 0 else "lost between jumps, which cannot be:"
+        name = "lost in jumps not located"
+        if amount <= 0:
+            name = "lost between jumps, which cannot be:"
         lines.append(f"  {name}  {amount:.2g} ± {error:.1g} {shown_unit(unit)}".rstrip())
     broken = int(np.sum(np.asarray(path.jumps.kind == KINDS.bifurcation)))
     if broken:
-        place = "a bifurcation" if broken == 1 else f"{broken} bifurcations"
-        lines.append(f"  a symmetry was broken at {place}: another disturbance may lead elsewhere")
+        places = several(broken, "bifurcation")
+        lines.append(f"  a symmetry was broken at {places}: another disturbance may lead elsewhere")
     return lines
 
 

@@ -71,7 +71,9 @@ class Recording:
         is_state = bool(record.is_state)
         is_event = bool(record.is_event)
         # Gaps of all states have their place in the memory of the host, unless they are sharded.
-        gap = concrete(point.gap) if self.fields else np.zeros(0, point.gap.dtype)
+        gap = np.zeros(0, point.gap.dtype)
+        if self.fields:
+            gap = concrete(point.gap)
         kept = replace(point, gap=gap)
         with interrupts_after():
             if is_state:
@@ -114,20 +116,28 @@ def path_of(record: Recording, result: RESULTS) -> Path:
     record.locate_ends()
     jumps = record.jumps
     last = record.last
-    like = jumps[0] if jumps else jax.eval_shape(_jump, contact, load, last.event)
+    if jumps:
+        like = jumps[0]
+    else:
+        like = jax.eval_shape(_jump, contact, load, last.event)
     points = stacked(record.points, record.points[0])
     room = _ROOM * max(-(-number // _ROOM), 1)
 
-    def padded(rows: Array) -> np.ndarray:
+    def in_room(rows: Array) -> np.ndarray:
         # Fields, if there are any, are not needed.
-        known = concrete(rows) if rows.ndim == 1 else np.zeros((number, 0))
+        known = np.zeros((number, 0))
+        if rows.ndim == 1:
+            known = concrete(rows)
         rest = np.full((room - number, *known.shape[1:]), np.nan, known.dtype)
         return np.concatenate([known, rest])
 
-    along = jax.tree.map(padded, points)
+    along = jax.tree.map(in_room, points)
     path = _path(record.load_path, last.point, record.gap, result, along)
     load, states = (first_entries(part, number) for part in (path.load, path.equilibrium))
-    states = replace(states, gap=points.gap if record.fields else None)
+    gaps = None
+    if record.fields:
+        gaps = points.gap
+    states = replace(states, gap=gaps)
     return replace(path, load=load, equilibrium=states, jumps=stacked(jumps, like))
 
 

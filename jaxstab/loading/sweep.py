@@ -132,9 +132,10 @@ def sweep(
         require_key(key)
     problem = _Problem(contact, equilibrium_solver, stability_solver, key, order, stability)
     if is_transformed((problem, load, begin)):
-        solve = _solve_together if order == "independent" else _solve_in_turn
         with warned_once(contact, FOR_STATES):
-            return solve(problem, load, begin, throw)
+            if order == "independent":
+                return _solve_together(problem, load, begin, throw)
+            return _solve_in_turn(problem, load, begin, throw)
     # A result that was not found is NaN. Other settings of JAX would compile programs anew.
     with (
         jax.debug_nans(False),
@@ -147,7 +148,9 @@ def sweep(
             bar.update(len(found))
         else:
             found = _solve_one_by_one(problem, load, begin, bar.update)
-        return _without_failures(found) if throw else found
+        if throw:
+            _throw_first_failure(found)
+        return found
 
 
 class _Last(eqx.Module):
@@ -255,7 +258,9 @@ def _solve_in_batch(problem: _Problem, load: Load, begin: _Last) -> Sweep:
 def _size_of_batch(number: int) -> int:
     """Return the least of 1, 2, 3, 4, 6, 8, 12, 16, 24, ... that holds `number`."""
     power = 1 << (number - 1).bit_length()
-    return 3 * power // 4 if number <= 3 * power // 4 else power
+    if number <= 3 * power // 4:
+        return 3 * power // 4
+    return power
 
 
 @program
@@ -267,12 +272,12 @@ def _apart(contact: Contact, load: Load) -> Field:
     return jnp.max(contact.heights) - contact.heights + distance
 
 
-def _without_failures(found: Sweep) -> Sweep:
+def _throw_first_failure(found: Sweep) -> None:
     failed = [state for state in found if _result(state) != RESULTS.successful]
     if not failed:
-        return found
+        return
     load = failed[0].load
-    return throw_failure(
+    throw_failure(
         _result(failed[0]),
         found,
         lambda: (
@@ -294,7 +299,9 @@ def _result(state: Sweep) -> RESULTS:
 def _columns(sweep: Sweep) -> dict[str, list[str]]:
     equilibrium = sweep.equilibrium
     stability = sweep.stability
-    pairs = {} if stability is None else stability.pairs
+    pairs = {}
+    if stability is not None:
+        pairs = stability.pairs
     columns = {
         **load_column(sweep.load, equilibrium.units, ".6g"),
         **state_columns(equilibrium),
@@ -302,12 +309,12 @@ def _columns(sweep: Sweep) -> dict[str, list[str]]:
     for name, pair in pairs.items():
         values = {name.replace("_", " "): pair.eigenvalue}
         columns |= measured_columns(values, equilibrium.units, STIFFNESS)
-    solvers = column(equilibrium.result.name, str)
+    results = equilibrium.result.name
     if stability is not None:
-        is_local = np.atleast_1d(stability.is_local)
-        names = zip(column(stability.verdict.name, str), is_local, strict=True)
-        columns["verdict"] = [f"{name}, locally" if local else name for name, local in names]
-        judged = column(stability.result.name, str)
-        solvers = [x if x != "successful" else y for x, y in zip(solvers, judged, strict=True)]
+        verdicts = stability.verdict.name
+        locally = np.char.add(verdicts, ", locally")
+        columns["verdict"] = column(np.where(stability.is_local, locally, verdicts), str)
+        results = np.where(results == "successful", stability.result.name, results)
+    solvers = column(results, str)
     steps = [column(x.num_steps, str) for x in (equilibrium, *pairs.values())]
     return columns | {"steps": list(map(" + ".join, zip(*steps, strict=True))), "solvers": solvers}

@@ -9,7 +9,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from jaxstab.core.accuracy import rounding_of_fields
-from jaxstab.core.checks import cast, concrete, parameter, require
+from jaxstab.core.checks import cast, concrete, in_words, parameter, require
 from jaxstab.core.display import inline
 from jaxstab.core.stack import Stackable
 from jaxstab.core.types import ArrayLike, Field, FieldMap, Flag, Mask, Scalar
@@ -161,7 +161,7 @@ def require_load(load: Load) -> None:
     Raises `ValueError` if its numbers differ in shape.
     """
     if not isinstance(load, Load):
-        given = load if isinstance(load, int | float) else f"a {type(load).__name__}"
+        given = in_words(load)
         if isinstance(load, type):
             given = f"the class {load.__name__}, without its value"
         raise TypeError(

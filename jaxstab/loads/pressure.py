@@ -46,10 +46,10 @@ class PressingControl(Control):
 
     def mean_imbalance(self, imbalance: Field, attraction: Field, gap: Field) -> Scalar:
         """Return the mean imbalance over p0 and the attraction."""
-        # A relaxed spring is balanced to a part of its length.
-        stiffness = 0 if self.stiffness is None else self.stiffness
         balancing = jnp.abs(self.pressure(gap)) + mean(jnp.abs(attraction))
-        balancing = balancing + stiffness * mean(gap)
+        if self.stiffness is not None:
+            # A relaxed spring is balanced to a part of its length.
+            balancing = balancing + self.stiffness * mean(gap)
         left = jnp.abs(mean(imbalance))
         return jnp.where(balancing > 0, left / jnp.where(balancing > 0, balancing, 1), 0)
 

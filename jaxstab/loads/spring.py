@@ -248,5 +248,8 @@ def _alike(positions: Array, stiffnesses: Array) -> list[Array]:
             f"The positions have shape {positions.shape}, the stiffnesses {stiffnesses.shape}: "
             "give one stiffness, or one for each position."
         ) from None
-    values = positions, stiffnesses
-    return [value if value.shape == shape else jnp.broadcast_to(value, shape) for value in values]
+    values = [positions, stiffnesses]
+    for place, value in enumerate(values):
+        if value.shape != shape:
+            values[place] = jnp.broadcast_to(value, shape)
+    return values

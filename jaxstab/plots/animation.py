@@ -65,7 +65,10 @@ def animation(
     frames = np.linspace(0, len(gaps) - 1, min(len(gaps), max(int(_MOST_PER_SECOND * seconds), 2)))
     figure = Figure(_SIZE, _DPI, layout="constrained")
     left, right = map(axes_or_new, figure.subplots(1, 2))
-    show_gap = (_map if gaps.ndim == 3 else _profile)(left, contact, gaps)
+    if gaps.ndim == 3:
+        show_gap = _map(left, contact, gaps)
+    else:
+        show_gap = _profile(left, contact, gaps)
     show_place = _curve(right, path)
 
     def show(state: int) -> None:

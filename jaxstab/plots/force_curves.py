@@ -32,7 +32,9 @@ def force_curve(
     """
     require_kind(curve, ForceCurve, "no force curve: give a result of jaxstab.force_curves.read.")
     if abscissa is None:
-        abscissa = "height" if curve.spring_constant is None else "tip_position"
+        abscissa = "tip_position"
+        if curve.spring_constant is None:
+            abscissa = "height"
     require_one_of("abscissa", abscissa, _ABSCISSAE)
     axes = axes_or_new(axes)
     for name, segment in curve.segments.items():

@@ -101,9 +101,13 @@ def quantities_or_default(
         ValueError: for one that cannot be drawn.
     """
     is_window = path.equilibrium.is_window
-    # The mean gap of a window grows with the window.
-    x = x or ("load" if is_window and path.load.unit == LENGTH else "mean_gap")
-    y = y or default_ordinate(path.load, is_window, x)
+    if x is None:
+        x = "mean_gap"
+        if is_window and path.load.unit == LENGTH:
+            # The mean gap of a window grows with the window.
+            x = "load"
+    if y is None:
+        y = default_ordinate(path.load, is_window, x)
     for name, quantity in (("x", x), ("y", y)):
         require_one_of(name, quantity, [*QUANTITIES, "load"])
     return x, y

@@ -115,12 +115,12 @@ def _value(pair: Eigenpair, divisor: float) -> str:
 def _write(axes: Axes, lines: list[tuple[str, str]]) -> None:
     axes.axis("off")
     for row, line in enumerate(lines, start=1):
-        for side, text in enumerate(line):
+        for side, (text, alignment) in enumerate(zip(line, ("left", "right"), strict=True)):
             axes.annotate(
                 text,
                 (side, 1),
                 (0, -_LINE_SPACING * row),
                 xycoords="axes fraction",
                 textcoords="offset fontsize",
-                ha="right" if side else "left",
+                ha=alignment,
             )

@@ -102,11 +102,13 @@ class Scaled(eqx.Module):
 
 def everywhere(potential: Potential) -> Potential:
     """Return a law without its restriction to a mask."""
-    return jax.tree.map(
-        lambda node: node.law if isinstance(node, Within) else node,
-        potential,
-        is_leaf=lambda node: isinstance(node, Within),
-    )
+
+    def unrestricted(node: PyTree) -> PyTree:
+        if isinstance(node, Within):
+            return node.law
+        return node
+
+    return jax.tree.map(unrestricted, potential, is_leaf=lambda node: isinstance(node, Within))
 
 
 def varying_fields(potential: Potential) -> list[Array]:
@@ -137,7 +139,10 @@ def by_points(potential: Potential) -> tuple[list[Array], Callable[[Sequence[Arr
 
     def law_at(values: Sequence[Array]) -> Potential:
         rest = iter(values)
-        merged = [next(rest) if f else leaf for leaf, f in zip(leaves, is_field, strict=True)]
+        merged = list(leaves)
+        for place, varies in enumerate(is_field):
+            if varies:
+                merged[place] = next(rest)
         return jax.tree.unflatten(structure, merged)
 
     return [leaf for leaf, f in zip(leaves, is_field, strict=True) if f], law_at

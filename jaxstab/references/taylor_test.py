@@ -80,7 +80,9 @@ class TaylorTest:
     def __repr__(self) -> str:
         sizes = {"step": self.steps, "difference": self.differences, "remainder": self.remainders}
         columns = {name: display.column(x, "{:.2e}".format) for name, x in sizes.items()}
-        text = "The derivative passes." if self.success else self.message
+        text = self.message
+        if self.success:
+            text = "The derivative passes."
         rates = f"rates {self.rates[0]:.2f} and {self.rates[1]:.2f}, noise {self.noise:.1e}"
         return f"{display.table(columns)}\n{rates}. {text}"
 
@@ -204,14 +206,20 @@ def _judged(
         message = _NONFINITE_DERIVATIVE
     elif not success and is_noise:
         message = f"The values jump by {noise:.1e} from step to step: "
-        message += _SINGLE if eps > _DOUBLE else _LOOSE
+        if eps > _DOUBLE:
+            message += _SINGLE
+        else:
+            message += _LOOSE
     elif not success and bend < _SMOOTH:
         message = _KINK
     elif not success:
         quotients = (forward - backward) / (2 * h)
         error = float(np.min(norms(quotients - tangent) / norms(quotients)))
         message = f"The derivative differs from central differences by {100 * error:.2g} %: "
-        message += _INEXACT if error < _SMALL_ERROR else _WRONG
+        if error < _SMALL_ERROR:
+            message += _INEXACT
+        else:
+            message += _WRONG
     rates = first, second
     return TaylorTest(steps, differences, remainders, rates, noise, not message, message)
 

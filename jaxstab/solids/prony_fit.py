@@ -119,10 +119,13 @@ def checked(
         cure = "it must not be negative: leave this frequency out, or give the loss as positive."
         require("The loss modulus", loss, loss >= 0, cure)
         measured = columns[1] + 1j * loss
+        rates = first
     else:
         measured = columns[1]
-    rates = first if kind is OSCILLATION else 1 / first
-    known = None if temperatures is None else columns[-1]
+        rates = 1 / first
+    known = None
+    if temperatures is not None:
+        known = columns[-1]
     _require_once(kind, first, known)
     return Data(kind, rates, measured, known)
 
@@ -134,7 +137,9 @@ def _require_once(kind: Kind, arguments: np.ndarray, temperatures: np.ndarray | 
         pairs = np.column_stack([arguments, temperatures])
     distinct, counts = np.unique(pairs, axis=0, return_counts=True)
     for pair, count in zip(distinct[counts > 1], counts[counts > 1], strict=True):
-        there = "" if temperatures is None else f" at the temperature {pair[1]:.6g}"
+        there = ""
+        if temperatures is not None:
+            there = f" at the temperature {pair[1]:.6g}"
         raise ValueError(
             f"The {kind.argument} {pair[0]} is given {count} times{there}: average its values, or "
             "leave all but one out."
@@ -158,8 +163,10 @@ def fitted(data: Data, reference: ArrayLike | None) -> Series:
         return _series(data, data.rates, _candidates(data.rates))
     sweeps = _sweeps(data.temperatures)
     shift = _shift(data, data.temperatures, sweeps)
-    middle = data.temperatures[sweeps[(len(sweeps) - 1) // 2]].mean()
-    shift = shift.referred_to(middle if reference is None else reference)
+    if reference is None:
+        shift = shift.referred_to(data.temperatures[sweeps[(len(sweeps) - 1) // 2]].mean())
+    else:
+        shift = shift.referred_to(reference)
     rates = data.rates * np.asarray(shift.factor(data.temperatures))
     return _series(data, rates, _candidates(rates))._replace(shift=shift)
 

@@ -9,7 +9,7 @@ from jaxtyping import PRNGKeyArray
 
 from jaxstab.contact.contact import Contact
 from jaxstab.contact.resolution import warn_if_coarse
-from jaxstab.core.checks import is_traced, require_key
+from jaxstab.core.checks import is_traced, key_or_default
 from jaxstab.core.compile import in_pieces, own_conventions, program
 from jaxstab.core.loop import solver_or_default
 from jaxstab.core.progress import advance_to, progress_bar
@@ -106,8 +106,7 @@ def assess_stability(
     equilibrium = equilibrium_of(contact, equilibrium)
     warn_if_coarse(contact)
     solver = solver_or_default(solver, ConeSolver, ProjectedLOBPCG)
-    key = jax.random.key(0) if key is None else key
-    require_key(key)
+    key = key_or_default(key)
     problem = posed_state(contact, equilibrium)
     inputs = problem.contact, problem.state
     solver = solver.in_units_of(problem.unit)

@@ -54,7 +54,9 @@ class AdmissibleCone(eqx.Module):
     @property
     def is_moving(self) -> Mask:
         """Where perturbations need not vanish."""
-        return jnp.ones_like(self.one_sided) if self.held is None else ~self.held
+        if self.held is None:
+            return jnp.ones_like(self.one_sided)
+        return ~self.held
 
     @property
     def is_trivial(self) -> Flag:
@@ -79,8 +81,9 @@ class AdmissibleCone(eqx.Module):
 
         Where its mean is free, the field is only cut at zero.
         """
-        project = model.onto_cone if self.fixes_mean else model.onto_one_sided
-        return project(field, self.one_sided, self.is_moving)
+        if self.fixes_mean:
+            return model.onto_cone(field, self.one_sided, self.is_moving)
+        return model.onto_one_sided(field, self.one_sided, self.is_moving)
 
 
 def _count(mask: Mask) -> Scalar:

@@ -10,7 +10,7 @@ from jaxtyping import Array, Int, PRNGKeyArray
 
 from jaxstab.contact.contact import Contact
 from jaxstab.contact.resolution import warn_if_coarse
-from jaxstab.core.checks import integer, require, require_key, require_one_of
+from jaxstab.core.checks import integer, key_or_default, require, require_one_of
 from jaxstab.core.compile import program
 from jaxstab.core.implicit import refuse_derivatives
 from jaxstab.core.loop import solver_or_default
@@ -68,8 +68,7 @@ def lowest_modes(
     require_one_of("space", space, ("lower_bound", "critical"))
     warn_if_coarse(contact)
     solver = solver_or_default(solver, SpaceSolver, Davidson)
-    key = jax.random.key(0) if key is None else key
-    require_key(key)
+    key = key_or_default(key)
     problem = posed_state(contact, equilibrium)
     most = problem.contact.grid.size - contact.control(equilibrium.load).fixes_mean
     require("count", count, count <= most, f"{most} directions are admissible: ask for fewer.")

@@ -53,7 +53,9 @@ def smallest_eigenpairs(
     is_doubtful = concrete(problems.is_doubtful)
     stops_early = concrete(verdict_only)
     is_default = isinstance(solver, ProjectedLOBPCG)
-    fast = solver if is_default else ProjectedLOBPCG(solver.tolerance_in(hessian.curvature.dtype))
+    fast = solver
+    if not is_default:
+        fast = ProjectedLOBPCG(solver.tolerance_in(hessian.curvature.dtype))
 
     # All perturbations that the load allows: the linear space around the cone.
     around = _lowest_on_hull(spaces, hessian, problems.cone, key)
@@ -74,7 +76,9 @@ def smallest_eigenpairs(
     # The cone V0+; a solver that the caller has chosen always runs.
     is_open = touches & ~is_decided
     cone = problems.cone
-    is_needed = is_open if is_default else True
+    is_needed = True
+    if is_default:
+        is_needed = is_open
     lowest = _lowest_on_cone(solver, spaces, hessian, cone, around, key, is_needed)
 
     # A proof, if the eigenvalue on the cone is positive and none is known.
@@ -165,8 +169,11 @@ def _from_all_starts(
 ) -> Lowest:
     """Return the lowest pair on a cone, also from an earlier result if there is one."""
     random = random_starts(key, hessian)
-    mode = None if before is None else before.pair.mode
+    mode = None
+    cost = None
+    if before is not None:
+        mode = before.pair.mode
+        cost = before.cost
     around = hull.pair.result
     found, is_answer = mode_on_cone(solver, hessian, cone, around, hull.modes, random, mode)
-    cost = None if before is None else before.cost
     return lowest_of(hessian, cone, found, hull.modes, is_answer, cost)

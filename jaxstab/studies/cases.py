@@ -46,8 +46,11 @@ class Cases(NamedTuple):
 
     def file(self, case: Case) -> Path:
         """Return the file of a case, named by its coordinates; equal numbers have one name."""
-        words = {n: x if isinstance(x, str) or x != int(x) else int(x) for n, x in case.items()}
-        text = json.dumps(words, sort_keys=True).encode()
+        coordinates = dict(case)
+        for name, value in case.items():
+            if not isinstance(value, str) and value == int(value):
+                coordinates[name] = int(value)
+        text = json.dumps(coordinates, sort_keys=True).encode()
         return self.path / f"{hashlib.blake2b(text, digest_size=10).hexdigest()}.nc"
 
     def write(self, case: Case, outputs: Variables, seconds: float, error: str) -> None:
@@ -60,8 +63,10 @@ class Cases(NamedTuple):
             own = {name: Variable(self.dims, np.array([x])) for name, x in places.items()}
         else:
             own = {name: Variable((name,), np.array([x])) for name, x in case.items()}
-        marks = "failed" if error else "successful", seconds, error
-        for name, x in zip(MARKS, marks, strict=True):
+        result = "successful"
+        if error:
+            result = "failed"
+        for name, x in zip(MARKS, (result, seconds, error), strict=True):
             own[name] = Variable(self.dims, np.array(x)[(None,) * len(self.dims)], attrs)
         write(self.file(case), own | outputs)
 
@@ -95,7 +100,9 @@ class Cases(NamedTuple):
 def read_axes(axes: Any) -> tuple[dict[str, list[Any]], tuple[str, ...]]:
     """Return values by name, of a product or of listed combinations, and their dimensions."""
     is_listed = isinstance(axes, list | tuple)
-    rows: Any = axes if is_listed else [axes]
+    rows: Any = [axes]
+    if is_listed:
+        rows = axes
     if not rows or any(not isinstance(x, Mapping) or not x or {*x} != {*rows[0]} for x in rows):
         raise TypeError("The axes are neither a dict of arrays nor dicts with the same names.")
     given = axes
@@ -134,7 +141,10 @@ def _variables(returned: Any) -> Mapping[Any, Any]:
 def _array(name: Any, value: Any) -> np.ndarray:
     if isinstance(value, Enumeration):
         value = value.name
-    for each in value if type(value) in (list, tuple) else [value]:
+    entries = [value]
+    if type(value) in (list, tuple):
+        entries = value
+    for each in entries:
         require_no_unit(each, name)
     try:
         if np.ma.is_masked(value):
@@ -153,5 +163,8 @@ def _array(name: Any, value: Any) -> np.ndarray:
         raise TypeError(f"{name} is {kind}: give numbers or words, or an array of either.")
     if array.dtype.kind == "f":
         # NetCDF has no other precisions; its library crashes on a half.
-        return array.astype(np.float64 if array.dtype.itemsize > 4 else np.float32, copy=False)
+        precision = np.float32
+        if array.dtype.itemsize > 4:
+            precision = np.float64
+        return array.astype(precision, copy=False)
     return array

@@ -108,13 +108,14 @@ def _empty(layout: str) -> bytes:
         file.dimensions = {name: size for pair in pairs for name, size in pair}
         file.attrs["layout"] = np.array(text, _h5py().string_dtype("utf-8", len(text)))
         for name, (dims, shape, dtype, attrs) in variables.items():
-            options = {}
+            options: dict[str, Any] = {}
             stored = np.dtype(dtype)
             if dtype == _WORDS:
                 stored = _h5py().string_dtype()
             elif 0 not in shape:
-                is_one_chunk = math.prod(shape) * stored.itemsize < 2**28
-                options = {"chunks": tuple(shape) if is_one_chunk else True, "fletcher32": True}
+                options = {"chunks": True, "fletcher32": True}
+                if math.prod(shape) * stored.itemsize < 2**28:
+                    options["chunks"] = tuple(shape)
             file.create_variable(name, dims, stored, **options).attrs.update(attrs)
     return image.getvalue()
 

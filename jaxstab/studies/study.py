@@ -183,8 +183,11 @@ def _source(case: Callable[..., object], version: object) -> list[str]:
     while isinstance(case := inspect.unwrap(case), partial):
         lines.append(f"# with {case.args}, {case.keywords}")
         case = case.func
+    described: Any = case
+    if not inspect.isroutine(case):
+        described = type(case)
     try:
-        text = inspect.getsource(case if inspect.isroutine(case) else type(case))
+        text = inspect.getsource(described)
     except (OSError, TypeError):
         if version is None:
             raise ValueError("The source of the case is not found: give a `version`.") from None
@@ -308,7 +311,10 @@ def _dataset(
                 parts.append(dask.array.from_delayed(part, value.shape, value.dtype))
             else:
                 parts.append(case[name].values)
-        values = (dask.array if is_large else np).concatenate(parts)
+        if is_large:
+            values = dask.array.concatenate(parts)
+        else:
+            values = np.concatenate(parts)
         dataset[name] = own, values.reshape(*shape, *value.shape[len(shape) :]), attrs
     return dataset
 

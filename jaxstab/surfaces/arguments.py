@@ -49,8 +49,12 @@ def _extent(grid: Grid, lengths: Any) -> str:
 
 def checked_band(k_low: Any, k_high: Any) -> tuple[float, float]:
     """Return the limits of a band of wavenumbers, None for no limit on a side."""
-    low = 0.0 if k_low is None else real(k_low)
-    high = np.inf if k_high is None else real(k_high)
+    low = 0.0
+    if k_low is not None:
+        low = real(k_low)
+    high = np.inf
+    if k_high is not None:
+        high = real(k_high)
     if (k_low is None and k_high is None) or not (0 <= low <= high and high > 0):
         raise ValueError(
             f"k_low is {k_low!r}, k_high {k_high!r}: give one or both, positive and in order."
@@ -90,8 +94,10 @@ def points_between(name: str, interval: Any, n: int, dx: float, rounding: float)
 
 def real(value: Any) -> float:
     """Convert to a number; NaN for anything that is not a number."""
+    if isinstance(value, str):
+        return np.nan
     try:
-        return np.nan if isinstance(value, str) else float(value)
+        return float(value)
     except (TypeError, ValueError):
         return np.nan
 

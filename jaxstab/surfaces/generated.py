@@ -111,7 +111,8 @@ def self_affine(
     target = scalar_parameter(targets[0], "The rms height or slope")
     require_positive("The rms height or slope", target)
     require_one_of("exponent", exponent, ("field", "paper"))
-    k_rolloff = k_low if k_rolloff is None else k_rolloff
+    if k_rolloff is None:
+        k_rolloff = k_low
     named = {"hurst": hurst, "k_low": k_low, "k_rolloff": k_rolloff, "k_high": k_high}
     hurst, *cutoffs = (scalar_parameter(value, name) for name, value in named.items())
     given, low, rolloff, high = map(concrete, (hurst, *cutoffs))
@@ -125,7 +126,9 @@ def self_affine(
     is_resolved = high <= resolved * (1 + ROUNDING)
     require("k_high", high, is_resolved, cure)
     target = possible(target, (target > 0) & is_exponent & is_ordered & is_resolved)
-    order = 0 if rms_slope is None else 1
+    order = 0
+    if rms_slope is not None:
+        order = 1
     heights, num_waves = _filtered_noise(grid, key, hurst, cutoffs, target, exponent, order)
     name = "The number of waves between k_low and k_high"
     require(name, num_waves, concrete(num_waves) > 0, "widen the cut-offs.")
@@ -156,11 +159,15 @@ def _filtered_noise(
 def _wave_noise(grid: Grid, key: PRNGKeyArray) -> Complex[Array, " *modes"]:
     """Return complex normal noise on the half spectrum, equal for a wave on every grid."""
     *across, along = (jnp.asarray(k, jnp.int32) for k in grid.waves)
-    k = across[0] if across else jnp.zeros_like(along)
+    if across:
+        k = across[0]
+        rest = 0
+    else:
+        k = jnp.zeros_like(along)
+        # On a line the high bits of a wave take the place of the wave across.
+        rest = along >> 16
     # The half spectrum keeps both of the waves k and -k only if `along` is zero.
     is_conjugate = (along == 0) & (k < 0)
-    # On a line the high bits of a wave take the place of the wave across.
-    rest = 0 if across else along >> 16
     label = grid.device_put((jnp.where(is_conjugate, -k, k) & 0xFFFF) | (along << 16) | rest)
     keys = jax.vmap(jax.random.fold_in, (None, 0))(key, label.ravel().astype(jnp.uint32))
     real, imaginary = jax.vmap(lambda key: jax.random.normal(key, (2,)))(keys).T

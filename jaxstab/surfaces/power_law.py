@@ -80,7 +80,9 @@ def power_law(spectrum: PowerSpectrum) -> PowerLaw:
     num_held = np.sum((count > 0) & (density > _NOTHING * density.max()))
     if num_held < _FEWEST_RINGS + 2:
         raise ValueError(f"The spectrum has {num_held} rings with waves: give 5 or more.")
-    dimension = 1 if count.max() <= 2 else 2
+    dimension = 2
+    if count.max() <= 2:
+        dimension = 1
     largest = density.max()
     first = int(np.argmax((count > 0) & (density > _LEAKAGE * largest)))
     used = np.flatnonzero(count[first:] > 0) + first

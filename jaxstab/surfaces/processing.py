@@ -16,7 +16,8 @@ def trend(heights: Heights, order: int) -> Heights:
     """Fit a polynomial of order 0, 1 or 2 to the points that are not missing; return its values."""
     field = np.atleast_2d(heights.T).T
     is_present = np.isfinite(field)
-    x, y = (np.linspace(-1, 1, n) if n > 1 else np.zeros(1) for n in field.shape)
+    # Across a line there is one point, of whose coordinate only the power zero is used.
+    x, y = (np.linspace(-1, 1, n) for n in field.shape)
     powers = [(a, b) for a in range(order + 1) for b in range(order + 1 - a) if not b or y.size > 1]
     along, across = (np.vander(side, 2 * order + 1, increasing=True) for side in (x, y))
     moments = along.T @ is_present.astype(float) @ across

@@ -4,8 +4,7 @@ import gzip
 import re
 import zipfile
 import zlib
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from functools import partial
 from io import BytesIO
 from pathlib import Path
@@ -13,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from jaxstab.core.checks import file_named_in_errors
 from jaxstab.core.display import times
 from jaxstab.core.grid import Grid
 from jaxstab.core.types import ArrayLike
@@ -69,7 +69,7 @@ def read(
         ImportError: if the format needs a package that is not installed.
     """
     path = Path(path)
-    with _naming(path):
+    with file_named_in_errors(path):
         topography = _topography(_scan(path, channel), lengths, unit)
     faults.warn(topography.wrong_scale)
     return topography
@@ -77,20 +77,8 @@ def read(
 
 def scan_of(path: Path, channel: str | None) -> Scan:
     """Return the content of a surface file, as it is; errors as of `read`."""
-    with _naming(path):
+    with file_named_in_errors(path):
         return _scan(path, channel)
-
-
-@contextmanager
-def _naming(path: Path) -> Iterator[None]:
-    """Name the file in the errors of its readers."""
-    if not path.exists():
-        raise FileNotFoundError(f"{path} does not exist.")
-    try:
-        yield
-    except (ImportError, ValueError) as error:
-        kind = ImportError if isinstance(error, ImportError) else ValueError
-        raise kind(f"{path}: {error}") from None
 
 
 def _scan(path: Path, channel: str | None) -> Scan:
@@ -146,20 +134,22 @@ def _topography(
 ) -> Topography:
     """Return the surface of a scan, with the user's lengths and unit, which must agree with it."""
     points = times(scan.heights.shape)
-    sides = scan.lengths if lengths is None else lengths
-    if lengths is None and scan.is_counted and (unit or scan.unit):
+    if lengths is None:
+        if scan.is_counted and (unit or scan.unit):
+            raise ValueError(
+                f"its coordinates 0, 1, 2, ... are numbers of points, and no lengths in "
+                f"{unit or scan.unit}: give these, as in "
+                "`js.surfaces.read(path, lengths=(3.0, 1.4))`."
+            )
+        if scan.lengths is None:
+            raise ValueError(
+                f"its {points} heights come without side lengths: give them in the unit of the "
+                "heights, as in `js.surfaces.read(path, lengths=(3.0, 1.4))`."
+            )
+        lengths = scan.lengths
+    if np.ndim(lengths) == 0 and len(set(scan.heights.shape)) > 1:
         raise ValueError(
-            f"its coordinates 0, 1, 2, ... are numbers of points, and no lengths in "
-            f"{unit or scan.unit}: give these, as in `js.surfaces.read(path, lengths=(3.0, 1.4))`."
-        )
-    if sides is None:
-        raise ValueError(
-            f"its {points} heights come without side lengths: give them in the unit of the "
-            "heights, as in `js.surfaces.read(path, lengths=(3.0, 1.4))`."
-        )
-    if np.ndim(sides) == 0 and len(set(scan.heights.shape)) > 1:
-        raise ValueError(
-            f"lengths is {sides}, one number for {points} points: give one for each side."
+            f"lengths is {lengths}, one number for {points} points: give one for each side."
         )
     heights: Any = scan
-    return Topography(Grid(scan.heights.shape, sides), heights, unit)
+    return Topography(Grid(scan.heights.shape, lengths), heights, unit)

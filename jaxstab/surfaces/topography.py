@@ -98,7 +98,9 @@ class Topography:
 
     def __repr__(self) -> str:
         missing = self.num_missing
-        unit = f" {self.unit}" if self.unit else " (unit unknown)"
+        unit = " (unit unknown)"
+        if self.unit:
+            unit = f" {self.unit}"
         rows = [
             ("points", times(self.grid.shape)),
             ("lengths", times(self.lengths, ".6g") + unit),
@@ -190,7 +192,9 @@ class Topography:
             ValueError: unless two numbers are given, if fewer than two points are left along a
                 side, and for y on a line.
         """
-        intervals = [x] if y is None else [x, y]
+        intervals = [x]
+        if y is not None:
+            intervals.append(y)
         if len(intervals) > len(self.grid.shape):
             raise ValueError("y is given, but the surface is a line.")
         spacing = self.lengths / self.grid.shape
@@ -299,7 +303,9 @@ def as_topography(heights: object, grid: Grid) -> Topography | None:
     """Convert heights with a unit, named axes or masked points; return None for a plain array."""
     if isinstance(heights, Topography):
         return heights
-    scan: Any = heights if np.ma.is_masked(heights) else scan_of(heights)
+    scan: Any = heights
+    if not np.ma.is_masked(heights):
+        scan = scan_of(heights)
     if scan is None:
         return None
     return Topography(grid, scan)

@@ -80,9 +80,12 @@ class BarrierCurve:
         self._tensions = -np.asarray(path.load.value, float)
         self._end = -float(limit.load.value)
         jumps = -np.asarray(path.jumps.load.value, float)
-        has_detached = np.any(jumps >= (1 - _AT_END) * self._end)
-        self._law = path.jumps.barrier_law[-1] if has_detached else None
-        self._power = 3 / 2 if limit.kind == KINDS.fold else 2.0
+        self._law = None
+        if np.any(jumps >= (1 - _AT_END) * self._end):
+            self._law = path.jumps.barrier_law[-1]
+        self._power = 2.0
+        if limit.kind == KINDS.fold:
+            self._power = 3 / 2
         self._nodes = [_Node(self._end, 0.0, np.nan)]
         self._errors: list[float] = []
         self._is_direct = True
@@ -102,10 +105,10 @@ class BarrierCurve:
     def refine(self, barrier: float, tolerance: float) -> None:
         """Compute passes until the barriers below a given one are within a tolerance."""
         while len(self._nodes) < _MAX_PASSES:
-            errors = [
-                0.0 if self._nodes[i + 1].barrier >= barrier else error
-                for i, error in enumerate(self._errors)
-            ]
+            errors = list(self._errors)
+            for i in range(len(errors)):
+                if self._nodes[i + 1].barrier >= barrier:
+                    errors[i] = 0.0
             worst = int(np.argmax(errors))
             if errors[worst] <= tolerance:
                 return

@@ -82,7 +82,9 @@ def climbs_on_branch(
     stride = 1
     result = start.result
     ways = _Ways(contact, load, start)
-    branches = _branch(contact, load, start) if result == RESULTS.successful else ()
+    branches = iter(())
+    if result == RESULTS.successful:
+        branches = _branch(contact, load, start)
     for count, (branch, is_at_load) in enumerate(branches, 1):
         gap = branch.step.here.at.gap
         if is_at_load and branch.step.index == 1:
@@ -97,8 +99,9 @@ def climbs_on_branch(
         if len(images) >= 2 * number:
             images = images[::2]
             stride = 2 * stride
-        is_unclear = branch.end == KINDS.lost or branch.end == KINDS.uncertain
-        result = RESULTS.lost_branch if is_unclear else RESULTS.no_detachment
+        result = RESULTS.no_detachment
+        if branch.end == KINDS.lost or branch.end == KINDS.uncertain:
+            result = RESULTS.lost_branch
     saddle = no_saddle(start.gap)
     minima = minima_beside(contact, load, saddle, start.gap)
     return [Climb(start, BranchPass(saddle, minima, images), np.nan)], result

@@ -120,8 +120,9 @@ class Detachment(Outcome):
         Raises:
             ValueError: for a load that is held.
         """
-        value = load.value if isinstance(load, MeanPressure) else load
-        tension = -np.asarray(numbers(value, "The load"), float)
+        if isinstance(load, MeanPressure):
+            load = load.value
+        tension = -np.asarray(numbers(load, "The load"), float)
         hazard = self._hazard()
         exponent = hazard.integral(tension) * self._trials(tension.ndim)
         alive = np.where(tension < hazard.tensions[-1], np.exp(-exponent), 0)
@@ -234,9 +235,13 @@ def detachment(
     _require_tension(load)
     energy = positive_scalar(thermal_energy, "The thermal energy")
     attempts = positive_scalar(attempt_rate, "The attempt rate")
-    rates = None if rate is None else positive_parameter(rate, "The rate")
+    rates = None
+    if rate is not None:
+        rates = positive_parameter(rate, "The rate")
     with warned_once(contact, FOR_JUMPS):
-        start = equilibrate(contact, MeanPressure(0.0)) if initial is None else initial
+        start = initial
+        if start is None:
+            start = equilibrate(contact, MeanPressure(0.0))
         pressure = single_start(start).mean_pressure
         limit = pull_off(contact, initial=start)
         first = -float(load.value)

@@ -69,8 +69,12 @@ def easiest_exit(
             end = _state_beyond(contact, equilibrium, direction)
             if end is not None and all(are_apart(end, other) for other in states):
                 states.append(end)
-        # Without another state, from the state to itself: its result says so.
-        ends = [*states, None] if pulls(equilibrium.load) else states or [equilibrium]
+        ends: list[Equilibrium | None] = [*states]
+        if pulls(equilibrium.load):
+            ends.append(None)
+        if not ends:
+            # From the state to itself: the result says so.
+            ends.append(equilibrium)
         exits = [
             transition(contact, equilibrium.load, equilibrium, end, throw=False) for end in ends
         ]

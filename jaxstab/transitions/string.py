@@ -17,10 +17,10 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
 from jaxstab.contact import Contact
-from jaxstab.core.checks import parameter
+from jaxstab.core.checks import as_array, parameter
 from jaxstab.core.grid import total
 from jaxstab.core.history import Indicators
-from jaxstab.core.loop import IterativeSolver, integer_parameter
+from jaxstab.core.loop import IterativeSolver
 from jaxstab.core.types import Field, Scalar
 from jaxstab.equilibrium.solvers.conjugate_gradients import preconditioner_of
 from jaxstab.loads import Control
@@ -88,7 +88,7 @@ class StringMethod(IterativeSolver):
     """The string method, until a step moves the images by a part of the length of the string."""
 
     tolerance: Scalar = eqx.field(converter=parameter, default=1e-3)
-    max_steps: Int[Array, ""] = eqx.field(converter=integer_parameter, default=40)
+    max_steps: Int[Array, ""] = eqx.field(converter=as_array, default=40)
 
     patience: ClassVar[int] = 40
 

@@ -40,7 +40,9 @@ def clusters_of(
     """Return the clusters of a mask, in the order of their first points."""
     from scipy.ndimage import generate_binary_structure, label
 
-    reach = 1 if neighbours == 4 else mask.ndim
+    reach = mask.ndim
+    if neighbours == 4:
+        reach = 1
     found: Any = label(mask, generate_binary_structure(mask.ndim, reach))
     parts, number = found
     if not is_periodic:
@@ -63,7 +65,9 @@ def _joins(parts: Int[np.ndarray, " *grid"], with_corners: bool) -> Iterator[_Jo
     """Yield which parts meet over an edge."""
     for side in range(parts.ndim):
         last, first = (np.atleast_1d(np.take(parts, edge, side)) for edge in (-1, 0))
-        steps = (-1, 0, 1) if with_corners and parts.ndim > 1 else (0,)
+        steps = (0,)
+        if with_corners and parts.ndim > 1:
+            steps = (-1, 0, 1)
         for step in steps:
             # Over a corner, the other side's edge is crossed too.
             along = np.arange(first.size) + step

@@ -83,7 +83,8 @@ def conductance(
     touches = state.in_contact
     solid = contact.solid
     dtype = contact.heights.dtype
-    solid = solid.relaxed if isinstance(solid, Viscoelastic) else solid
+    if isinstance(solid, Viscoelastic):
+        solid = solid.relaxed
     require_kind(
         solid,
         HalfSpace | FreeHalfSpace,

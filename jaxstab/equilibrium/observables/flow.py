@@ -95,7 +95,8 @@ def flows(
         moved, flux = _balanced(links, start, solve, is_cell)
         _require_bounds(links, moved, flux, side, step)
         places = np.arange(faces.shape[1 + side]) * spacing[side]
-        shape = [-1 if axis == side else 1 for axis in range(faces.ndim - 1)]
+        shape = [1] * (faces.ndim - 1)
+        shape[side] = -1
         drop = places.reshape(shape) + np.where(is_cell, moved, 0) * spacing[0]
         found.append(Flow(np.where(is_cell, drop, np.nan), flux / ratios))
     return found
@@ -200,8 +201,9 @@ def _inverse(matrix: Any, solver: Solver | None) -> _Solve:
     from scipy.sparse.linalg import cg, splu
 
     if solver is None:
-        is_large = matrix.shape[0] > _LARGE
-        solver = "multigrid" if is_large and are_installed("pyamg") else "direct"
+        solver = "direct"
+        if matrix.shape[0] > _LARGE and are_installed("pyamg"):
+            solver = "multigrid"
     if solver == "direct":
         options = {"SymmetricMode": True}
         factors = splu(

@@ -94,8 +94,10 @@ def leakage(
     values = np.asarray(gap, float)
     dtype = contact.heights.dtype
     largest = values.max()
-    # The unit is the largest gap, whose cube can be beyond the range of numbers.
-    conductivity = (values / largest) ** 3 / 12 if largest > 0 else values
+    conductivity = values
+    if largest > 0:
+        # The unit is the largest gap, whose cube can be beyond the range of numbers.
+        conductivity = (values / largest) ** 3 / 12
     faces, leads = conducting(conductivity, values > 0)
     found = flows(faces, leads, np.asarray(contact.grid.spacing, float), solver)
     permeability = _permeability(found, leads) * largest**3

@@ -83,8 +83,12 @@ def patches(contact: Contact, equilibrium: State, *, neighbours: Neighbours = 4)
     is_window = contact.solid.is_window
     found = clusters_of(mask, neighbours, not is_window)
     ends = _ends(mask, is_window)
-    is_plane = mask.ndim == 2
-    lengths = np.asarray(contact.grid.spacing, float)[::-1] if is_plane else np.ones(1)
+    cell = float(contact.grid.cell_area)
+    lengths = np.ones(1)
+    excess = 0.0
+    if mask.ndim == 2:
+        lengths = np.asarray(contact.grid.spacing, float)[::-1]
+        excess = _STAIRCASE * cell * ends.sum()
     sides = np.tensordot(lengths, ends, 1)
     numbers = [np.ones(mask.shape), sides, np.asarray(state.pressure, float)]
     counts, perimeters, forces = (
@@ -94,9 +98,7 @@ def patches(contact: Contact, equilibrium: State, *, neighbours: Neighbours = 4)
     ranks = np.zeros(found.number + 1, int)
     ranks[order + 1] = np.arange(1, found.number + 1)
     dtype = contact.heights.dtype
-    cell = float(contact.grid.cell_area)
     counted = cell * counts.sum()
-    excess = _STAIRCASE * cell * ends.sum() if is_plane else 0.0
     return Patches(
         number=array(found.number, int),
         areas=array(cell * counts[order], dtype),
@@ -116,7 +118,9 @@ def _ends(
     touches: Bool[np.ndarray, " *grid"], is_window: bool
 ) -> Float[np.ndarray, " sides *grid"]:
     """Return for each side of the grid at how many ends of a point the contact ends."""
-    around = np.pad(touches, 1, mode="constant" if is_window else "wrap")
+    around = np.pad(touches, 1, mode="wrap")
+    if is_window:
+        around = np.pad(touches, 1)
     inner = (slice(1, -1),) * touches.ndim
     beside = [
         [~np.roll(around, step, side)[inner] for step in (-1, 1)] for side in range(touches.ndim)

@@ -14,11 +14,11 @@ from jaxtyping import Array, Int
 from jaxstab.contact.contact import Contact
 from jaxstab.contact.residual import Balance
 from jaxstab.core.accuracy import EQUILIBRIUM
-from jaxstab.core.checks import concrete, parameter, require
+from jaxstab.core.checks import as_array, concrete, parameter, require
 from jaxstab.core.control_flow import either, on_platform
 from jaxstab.core.grid import total, totals
 from jaxstab.core.history import Indicators
-from jaxstab.core.loop import integer_parameter, optional_parameter
+from jaxstab.core.loop import optional_parameter
 from jaxstab.core.types import Field, Flag, Scalar
 from jaxstab.equilibrium.solvers.base import EquilibriumSolver, Problem
 from jaxstab.solids.solid import Solid
@@ -83,7 +83,7 @@ class PreconditionedConjugateGradient(EquilibriumSolver):
     """
 
     tolerance: Scalar | None = eqx.field(converter=optional_parameter, default=None)
-    max_steps: Int[Array, ""] = eqx.field(converter=integer_parameter, default=20_000)
+    max_steps: Int[Array, ""] = eqx.field(converter=as_array, default=20_000)
     max_move: Scalar = eqx.field(converter=parameter, default=np.inf)
     least_energy: Scalar = eqx.field(converter=parameter, default=-np.inf)
 
@@ -96,9 +96,10 @@ class PreconditionedConjugateGradient(EquilibriumSolver):
         """Return the problem with its preconditioner, made for a start."""
         contact = problem.contact
         control = problem.control
-        solid = contact.solid.with_uniform_stiffness(
-            0 if control.stiffness is None else control.stiffness
-        )
+        stiffness = 0
+        if control.stiffness is not None:
+            stiffness = control.stiffness
+        solid = contact.solid.with_uniform_stiffness(stiffness)
         return _Prepared(
             contact,
             control,

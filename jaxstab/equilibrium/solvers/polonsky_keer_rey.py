@@ -12,8 +12,9 @@ import jax.numpy as jnp
 from jaxtyping import Array, Int
 
 from jaxstab.contact.residual import Balance
+from jaxstab.core.checks import as_array
 from jaxstab.core.grid import total
-from jaxstab.core.loop import integer_parameter, optional_parameter
+from jaxstab.core.loop import optional_parameter
 from jaxstab.core.types import Field, Scalar
 from jaxstab.equilibrium.solvers.base import EquilibriumSolver, Problem
 
@@ -41,7 +42,7 @@ class PolonskyKeerRey(EquilibriumSolver):
     """
 
     tolerance: Scalar | None = eqx.field(converter=optional_parameter, default=None)
-    max_steps: Int[Array, ""] = eqx.field(converter=integer_parameter, default=20_000)
+    max_steps: Int[Array, ""] = eqx.field(converter=as_array, default=20_000)
 
     default_tolerance: ClassVar[Mapping[str, float]] = {"float64": 1e-8, "float32": 1e-4}
     patience: ClassVar[int] = 1_000

@@ -11,11 +11,12 @@ from jaxtyping import Array, Int
 
 from jaxstab.contact.hessian import Hessian
 from jaxstab.core.accuracy import EQUILIBRIUM
+from jaxstab.core.checks import as_array
 from jaxstab.core.control_flow import choose, on_platform
 from jaxstab.core.grid import total
 from jaxstab.core.history import Indicators
 from jaxstab.core.linear_system import LinearSystem
-from jaxstab.core.loop import integer_parameter, optional_parameter
+from jaxstab.core.loop import optional_parameter
 from jaxstab.core.types import Flag, Scalar
 from jaxstab.equilibrium.solvers.base import EquilibriumSolver, Problem, State
 from jaxstab.equilibrium.solvers.minres import minres
@@ -48,7 +49,7 @@ class SaddleNewton(EquilibriumSolver):
     """
 
     tolerance: Scalar | None = eqx.field(converter=optional_parameter, default=None)
-    max_steps: Int[Array, ""] = eqx.field(converter=integer_parameter, default=200)
+    max_steps: Int[Array, ""] = eqx.field(converter=as_array, default=200)
 
     default_tolerance: ClassVar[Mapping[str, float]] = EQUILIBRIUM
     patience: ClassVar[int] = 20

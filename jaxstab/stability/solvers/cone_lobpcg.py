@@ -12,10 +12,11 @@ from jaxtyping import Array, Bool, Float, Int
 
 from jaxstab.contact.hessian import Block, SymmetricOperator
 from jaxstab.core import model
+from jaxstab.core.checks import as_array
 from jaxstab.core.control_flow import by_entries, choose, entry_of, on_platform, with_entry
 from jaxstab.core.grid import total, totals
 from jaxstab.core.history import History, Indicators
-from jaxstab.core.loop import Iteration, integer_parameter, optional_parameter
+from jaxstab.core.loop import Iteration, optional_parameter
 from jaxstab.core.results import RESULTS
 from jaxstab.core.types import Field, Flag, Scalar
 from jaxstab.stability.cones import AdmissibleCone
@@ -85,7 +86,7 @@ class ProjectedLOBPCG(ConeSolver):
     """
 
     tolerance: Scalar | None = eqx.field(converter=optional_parameter, default=None)
-    max_steps: Int[Array, ""] = eqx.field(converter=integer_parameter, default=5000)
+    max_steps: Int[Array, ""] = eqx.field(converter=as_array, default=5000)
 
     default_tolerance: ClassVar[Mapping[str, float]] = {"float64": 1e-7, "float32": 1e-5}
 

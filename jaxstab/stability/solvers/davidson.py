@@ -16,10 +16,11 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
 from jaxstab.contact.hessian import Block, SymmetricOperator
+from jaxstab.core.checks import as_array
 from jaxstab.core.control_flow import either, on_platform, with_entry
 from jaxstab.core.grid import total
 from jaxstab.core.history import Indicators
-from jaxstab.core.loop import Iteration, integer_parameter, optional_parameter
+from jaxstab.core.loop import Iteration, optional_parameter
 from jaxstab.core.types import Field, Flag, Scalar
 from jaxstab.stability.cones import Subspace
 from jaxstab.stability.eigenpair import Minimum
@@ -124,7 +125,7 @@ class Davidson(SpaceSolver):
     """
 
     tolerance: Scalar | None = eqx.field(converter=optional_parameter, default=None)
-    max_steps: Int[Array, ""] = eqx.field(converter=integer_parameter, default=5000)
+    max_steps: Int[Array, ""] = eqx.field(converter=as_array, default=5000)
 
     default_tolerance: ClassVar[Mapping[str, float]] = {"float64": 1e-7, "float32": 1e-5}
 

@@ -19,10 +19,10 @@ import jax.numpy as jnp
 from jaxtyping import Array, Int
 
 from jaxstab.contact.hessian import Block
-from jaxstab.core.checks import require_positive
+from jaxstab.core.checks import as_array, require_positive
 from jaxstab.core.grid import mean, total
 from jaxstab.core.history import Indicators
-from jaxstab.core.loop import Iteration, integer_parameter, optional_parameter
+from jaxstab.core.loop import Iteration, optional_parameter
 from jaxstab.core.results import RESULTS
 from jaxstab.core.types import Field, Scalar
 from jaxstab.core.units import STIFFNESS, Dimension
@@ -58,7 +58,7 @@ class ProximalIteration(ConeSolver):
     """
 
     tolerance: Scalar | None = eqx.field(converter=optional_parameter, default=None)
-    max_steps: Int[Array, ""] = eqx.field(converter=integer_parameter, default=200_000)
+    max_steps: Int[Array, ""] = eqx.field(converter=as_array, default=200_000)
     tau: Annotated[Scalar, _COMPLIANCE] | None = eqx.field(
         converter=optional_parameter, default=None
     )
@@ -101,7 +101,9 @@ class ProximalIteration(ConeSolver):
         new /= jnp.sqrt(total(new**2))  # (35)
         moved = 2 * new - x
         y = jnp.where(cone.one_sided, jnp.minimum(y + moved, 0), 0)  # (36)
-        z_change = mean(moved) if cone.fixes_mean else jnp.zeros_like(z)  # (37)
+        z_change = jnp.zeros_like(z)
+        if cone.fixes_mean:
+            z_change = mean(moved)  # (37)
         return _PrimalDual(new, y, z + z_change, z_change)
 
     def measure(self, problem: Eigenproblem, state: _PrimalDual) -> Indicators:
@@ -135,5 +137,10 @@ class ProximalIteration(ConeSolver):
 
     def _steps(self, beta: Scalar) -> tuple[Scalar, Scalar]:
         """Return tau and sigma; the choice of section 4.1 where they are not given."""
-        tau = 1 / beta if self.tau is None else self.tau.astype(beta.dtype)
-        return tau, beta / 2 if self.sigma is None else self.sigma.astype(beta.dtype)
+        tau = 1 / beta
+        if self.tau is not None:
+            tau = self.tau.astype(beta.dtype)
+        sigma = beta / 2
+        if self.sigma is not None:
+            sigma = self.sigma.astype(beta.dtype)
+        return tau, sigma

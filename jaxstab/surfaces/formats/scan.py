@@ -62,7 +62,10 @@ def chosen_array(names: Iterable[str], channel: str | None) -> tuple[str, tuple[
             f"it has several arrays, {', '.join(names)}: name the surface `heights`, or choose one "
             "as `channel=`."
         )
-    return chosen(names, channel, "heights" if "heights" in names else names[0])
+    default = names[0]
+    if "heights" in names:
+        default = "heights"
+    return chosen(names, channel, default)
 
 
 def on_a_side_or_two(values: np.ndarray) -> np.ndarray:

@@ -106,13 +106,15 @@ def _of_points(table: np.ndarray) -> Scan:
     """Return the surface of points x, y, z or the profile of points x, z, in any order."""
     *coordinates, z = table.T
     sides = [side for values in coordinates if (side := on_lattice(values))]
-    indices, shape, steps = zip(*sides, strict=True) if sides else ((), (), ())
+    shape = tuple(count for _, count, _ in sides)
     if len(sides) < len(coordinates) or 2 * z.size <= np.prod(shape):
-        names = "x y z" if len(coordinates) > 1 else "x z"
+        names = " ".join([*"xy"[: len(coordinates)], "z"])
         raise ValueError(
             f"its {table.shape[1]} columns are no points {names} of an even lattice, in {z.size} "
             "rows: interpolate them onto one, more than half full. Save a matrix as .npy."
         )
+    indices = tuple(index for index, _, _ in sides)
+    steps = [step for _, _, step in sides]
     counts = np.zeros(shape, int)
     np.add.at(counts, indices, 1)
     if (counts > 1).any():
@@ -124,5 +126,7 @@ def _of_points(table: np.ndarray) -> Scan:
     lengths = tuple(np.multiply(shape, steps))
     is_counted = all(are_pixels(values) for values in coordinates)
     missing = heights.size - z.size
-    remarks = (f"{missing} points of the lattice not in the file",) if missing else ()
+    remarks = ()
+    if missing:
+        remarks = (f"{missing} points of the lattice not in the file",)
     return Scan(heights, lengths, remarks=remarks, is_counted=is_counted)
