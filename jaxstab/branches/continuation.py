@@ -1,6 +1,7 @@
 """The branch of equilibria from one load to another, around its folds and active-set changes."""
 
 import math
+from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 from typing import TypeVar
@@ -9,6 +10,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import PyTree
 
 from jaxstab.branches.branch import Branch, Turn
 from jaxstab.branches.branch_record import Recording, Tables
@@ -119,7 +121,6 @@ def continuation(
     shortest = _positive("min_step", min_step)
     if longest is not None and shortest is not None:
         require("min_step", shortest, shortest <= longest, "give at most `max_step`.")
-    is_state = isinstance(initial, eqx.Module)
     load.warn_if_soft(contact.solid)
     warn_if_coarse(contact, FOR_JUMPS)
     problem = posed(contact, load)
@@ -127,7 +128,11 @@ def continuation(
     given = problem.contact, problem.state, start, [longest, shortest]
     constants = jax.lax.stop_gradient(refuse_derivatives(given))
     with own_conventions(), progress_bar(number, "states", shown=progress, inputs=constants):
-        branch = _search(number, fields, is_state, *constants)
+        begun = partial(_begun, isinstance(initial, eqx.Module))
+        if is_traced(constants):
+            branch = by_entries(partial(_with_room, number, fields, begun))(*constants)
+        else:
+            branch = _known(number, fields, begun(*constants))
     # An interrupt here would lose a long branch.
     with interrupts_held() as held:
         branch = finished(branch, problem, partial(_describe, load), throw)
@@ -142,22 +147,6 @@ def _positive(name: str, step: ArrayLike | None) -> Scalar | None:
     length = scalar_parameter(step, name)
     require_positive(name, length)
     return length
-
-
-def _search(
-    number: int,
-    fields: bool,
-    is_state: bool,
-    contact: Contact,
-    load: Load,
-    start: Field,
-    steps: list[Scalar | None],
-) -> Branch:
-    inputs = contact, load, start, steps
-    if is_traced(inputs):
-        within = by_entries(lambda *inputs: _with_room(number, fields, _begun(is_state, *inputs)))
-        return within(*inputs)
-    return _known(number, fields, _begun(is_state, *inputs))
 
 
 def _begun(
@@ -187,7 +176,7 @@ def _followed(
     def further(state: tuple[BranchState, Records]) -> tuple[BranchState, Records]:
         branch, records = state
         branch, entry, turn = _gone_on(problem, branch)
-        is_turn = concrete(branch.step.is_new) & concrete(branch.step.turns)
+        is_turn = concrete(branch.step.is_new) & concrete(branch.step.turn.is_there)
         is_loop = cond(is_turn, lambda: records.has(problem, turn), lambda: False)
         end = cond(is_loop, lambda: KINDS.loop, lambda: branch.end)
         branch = replace(branch, end=end)
@@ -221,9 +210,9 @@ def _known(number: int, fields: bool, begun: Begun) -> Branch:
         return _branch(problem, recording.branch, *recording.rows())
 
 
-def _with_room(number: int, fields: bool, begun: Begun) -> Branch:
+def _with_room(number: int, fields: bool, begun: Callable[..., Begun], *inputs: PyTree) -> Branch:
     """Return a branch in room for a number of states, within a program."""
-    problem, branch, entry, turn = begun
+    problem, branch, entry, turn = begun(*inputs)
     states = Table.like(entry, number, fields).with_entry(entry, jnp.array(True))
     tables = Tables(states, Table.like(turn, _MAX_TURNS))
     branch, tables = _followed(problem, branch, tables)

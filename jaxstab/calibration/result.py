@@ -14,9 +14,9 @@ from jaxstab.calibration.least_squares import Curve, FitProblem, Measured
 from jaxstab.calibration.model import ZEROS, values_of
 from jaxstab.calibration.search import Search
 from jaxstab.contact import Contact
-from jaxstab.core.checks import is_traced, require_kind
+from jaxstab.core.checks import require_kind
 from jaxstab.core.compile import program
-from jaxstab.core.display import number, several, table
+from jaxstab.core.display import number, readable, several, table
 from jaxstab.core.results import RESULTS
 from jaxstab.core.types import Scalar
 from jaxstab.core.units import AREA, PRESSURE, chosen_unit, shown_unit
@@ -126,9 +126,8 @@ class Calibration(eqx.Module):
             )
         return _with_distance(self, other)
 
+    @readable
     def __repr__(self) -> str:
-        if is_traced(self) or self.loss.ndim:
-            return eqx.tree_pformat(self)
         found = _found(self)
         divisors = np.array([divisor for _, _, divisor, _ in found])
         errors = numbers_of(self)[1] / divisors

@@ -10,8 +10,8 @@ of zero. So a batch entry without a derivative leaves the others as they are.
 """
 
 from collections.abc import Callable
-from functools import partial
-from typing import TypeVar
+from functools import partial, wraps
+from typing import Concatenate, ParamSpec, TypeVar
 
 import equinox as eqx
 import jax
@@ -19,13 +19,32 @@ import jax.numpy as jnp
 from jax.custom_derivatives import SymbolicZero
 from jaxtyping import Array, PyTree
 
+from jaxstab.core.checks import is_traced
 from jaxstab.core.compile import own_conventions
 from jaxstab.core.types import Flag
 
+Given = ParamSpec("Given")
 Tree = TypeVar("Tree")
 # A rule maps values, constants, inputs and tangents of the inputs (None for a zero one) to the
 # tangents of the values, linearly, and to flags of undefined derivatives: one for all or for each.
 Rule = Callable[[PyTree, PyTree, PyTree, PyTree], tuple[PyTree, PyTree]]
+
+
+def where_traced(
+    with_derivatives: Callable[Concatenate[Tree, PyTree, Given], Tree],
+) -> Callable[Concatenate[Tree, PyTree, Given], Tree]:
+    """Return a function that attaches derivatives to a solution, given its inputs.
+
+    Where JAX traces no input, it returns the solution as it is.
+    """
+
+    @wraps(with_derivatives)
+    def call(solution: Tree, inputs: PyTree, *args: Given.args, **kwargs: Given.kwargs) -> Tree:
+        if not is_traced(inputs):
+            return solution
+        return with_derivatives(solution, inputs, *args, **kwargs)
+
+    return call
 
 
 @partial(jax.custom_jvp, nondiff_argnums=(0,))

@@ -9,10 +9,9 @@ from jaxtyping import Array, Float
 
 from jaxstab.contact.contact import Contact, require_contact
 from jaxstab.contact.resolution import warn_if_coarse
-from jaxstab.core.checks import is_traced
 from jaxstab.core.compile import own_conventions, program
 from jaxstab.core.control_flow import by_entries
-from jaxstab.core.implicit import attach
+from jaxstab.core.implicit import attach, where_traced
 from jaxstab.core.loop import Iteration, solver_or_default
 from jaxstab.core.results import RESULTS
 from jaxstab.core.types import ArrayLike, Field
@@ -104,14 +103,13 @@ def equilibrium_from(
 def solved(contact: Contact, load: Load, solver: EquilibriumSolver, start: Field) -> Equilibrium:
     """Return the equilibrium of a contact under a load as they are posed, differentiable."""
     constants = jax.lax.stop_gradient((contact, load, solver, start))
-    return with_derivatives(contact, load, find(*constants))
+    return with_derivatives(find(*constants), (contact, load))
 
 
-def with_derivatives(contact: Contact, load: Load, found: Equilibrium) -> Equilibrium:
+@where_traced
+def with_derivatives(found: Equilibrium, inputs: tuple[Contact, Load]) -> Equilibrium:
     """Return an equilibrium as a differentiable function of the contact and the load."""
-    inputs = contact, load
-    if not is_traced(inputs):
-        return found
+    contact, load = inputs
     fields = {name: getattr(found, name) for name in DIFFERENTIABLE}
     fields = attach(changes_of_fields, fields, found.result == RESULTS.successful, inputs)
     return replace(found, **fields, load=load, area=contact.area)

@@ -5,7 +5,6 @@ from functools import partial
 
 import equinox as eqx
 import jax
-from jaxtyping import Array
 
 from jaxstab.branches.differentiable_limit import differentiable_value
 from jaxstab.branches.states import PathInterrupted
@@ -24,7 +23,7 @@ from jaxstab.core.checks import (
 )
 from jaxstab.core.compile import own_conventions
 from jaxstab.core.display import several
-from jaxstab.core.implicit import attach, undefined
+from jaxstab.core.implicit import attach, undefined, where_traced
 from jaxstab.core.interrupts import early_ends, interrupts_held
 from jaxstab.core.progress import progress_bar
 from jaxstab.core.results import RESULTS
@@ -124,19 +123,25 @@ def follow(
     noise = scalar_parameter(disturbance, "The disturbance")
     require_positive("smallest_jump", least)
     require("The disturbance", noise, concrete(noise) >= 0, "it must not be negative.")
-    sizes = integer("max_states", max_states), integer("max_jumps", max_jumps)
-    require("max_states", sizes[0], sizes[0] >= 2, "a path has two states at least.")
-    require("max_jumps", sizes[1], sizes[1] >= 1, "leave room for one.")
+    room = Room(integer("max_states", max_states), integer("max_jumps", max_jumps), fields)
+    require("max_states", room.num_states, room.num_states >= 2, "a path has two states at least.")
+    require("max_jumps", room.num_jumps, room.num_jumps >= 1, "leave room for one.")
     warn_if_coarse(contact, FOR_JUMPS)
     load.warn_if_soft(contact.solid)
     problem = posed(contact, load)
     initial = initial_of_path(contact, load[0], initial)
     start = start_of(problem.contact, problem.state[0], initial)
-    inputs = problem.contact, problem.state, start, least, noise
-    constants = jax.lax.stop_gradient(inputs)
+    inputs = problem.contact, problem.state
+    others = start, least, noise
+    constants = jax.lax.stop_gradient((*inputs, *others))
     with own_conventions(), progress_bar(100, "%", shown=progress, inputs=constants):
-        path = _search(fields, sizes, share, *constants)
-        path = _with_derivatives(path, *inputs)
+        known, turning_points, start, least, noise = constants
+        load_path = load_path_of(known, turning_points, least, noise, share, finds_all=True)
+        if is_traced((load_path, start)):
+            path = path_with_room(room, load_path, start)
+        else:
+            path = _known_path(fields, load_path, start)
+        path = _with_derivatives(path, inputs, others)
     # An interrupt here would lose a long path.
     with interrupts_held() as held:
         path = finished(path, problem, partial(_describe, load), throw)
@@ -148,26 +153,10 @@ def follow(
     return path
 
 
-def _search(
-    fields: bool,
-    sizes: tuple[int, int],
-    share: Scalar,
-    contact: Contact,
-    load: Load,
-    start: Field,
-    least: Scalar,
-    noise: Scalar,
-) -> Path:
-    load_path = load_path_of(contact, load, least, noise, share, finds_all=True)
-    if is_traced((load_path, start)):
-        return path_with_room(Room(*sizes, fields), load_path, start)
-    return _known_path(fields, load_path, start)
-
-
-def _with_derivatives(path: Path, contact: Contact, load: Load, *others: Array) -> Path:
+@where_traced
+def _with_derivatives(path: Path, inputs: tuple[Contact, Load], others: tuple) -> Path:
     """Return a path with derivatives of the loads of its jumps; all others are NaN."""
-    if not is_traced((contact, load)):
-        return path
+    contact, load = inputs
 
     def value(jump: Jump) -> Scalar:
         shared = load[0].at(jump.load.value)

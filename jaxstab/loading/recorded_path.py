@@ -62,7 +62,7 @@ class Recording:
     @property
     def is_complete(self) -> bool:
         """Whether load stepping has come to its end."""
-        is_over = int(self.last.part) == self.load_path.load.value.size - 1
+        is_over = int(self.last.leg) == self.load_path.load.value.size - 1
         return is_over or bool(self.last.result != RESULTS.successful)
 
     def append(self, record: Record) -> "Recording":
@@ -213,23 +213,27 @@ def _unlocated_loss(points: PathPoint, is_branch: Bool[Array, " steps"]) -> tupl
     one after. Half of the difference of their integrals is the error; where there is only one of
     them, all that it takes from the trapezoid.
     """
-    step = jnp.diff(points.value)
     force = points.force
-    pair = step[1:] + step[:-1]
-    # Through three states, where these lie on one branch, in the order of their loads, and apart.
-    rounding = rounding_of_numbers(step.dtype) * jnp.nanmax(jnp.abs(points.value))
-    is_long = jnp.abs(step) > rounding
-    is_known = is_branch[1:] & is_branch[:-1] & (step[1:] * step[:-1] > 0)
-    is_known &= is_long[1:] & is_long[:-1]
-    slope = jnp.where(is_long, jnp.diff(force) / jnp.where(step == 0, 1, step), 0)
-    turn = jnp.where(is_known, jnp.diff(slope) / jnp.where(pair == 0, 1, pair), 0)
-    before = jnp.pad(turn, (1, 0))
-    after = jnp.pad(turn, (0, 1))
-    number = jnp.pad(is_known, (1, 0)).astype(int) + jnp.pad(is_known, (0, 1))
-    cubes = step**3 / 6
-    work = step * (force[1:] + force[:-1]) / 2 - cubes * (before + after) / jnp.maximum(number, 1)
-    error = jnp.where(number == 2, (before - after) / 2, before + after)
-    error = jnp.where(number == 0, slope * step**2 / 2, cubes * error)
+    increments = jnp.diff(points.value)
+    rounding = rounding_of_numbers(increments.dtype) * jnp.nanmax(jnp.abs(points.value))
+    is_long = jnp.abs(increments) > rounding
+    secants = jnp.diff(force) / jnp.where(increments == 0, 1, increments)
+    secants = jnp.where(is_long, secants, 0)
+    # Parabolas through three states, where these lie on one branch, in the order of their loads,
+    # and apart. The integral of c (l - a) (l - b) from a to b is -c (b - a)^3 / 6.
+    has_parabola = is_branch[1:] & is_branch[:-1] & (increments[1:] * increments[:-1] > 0)
+    has_parabola &= is_long[1:] & is_long[:-1]
+    spans = increments[1:] + increments[:-1]
+    coefficients = jnp.diff(secants) / jnp.where(spans == 0, 1, spans)
+    coefficients = jnp.where(has_parabola, coefficients, 0)
+    with_before = jnp.pad(coefficients, (1, 0))
+    with_after = jnp.pad(coefficients, (0, 1))
+    num_parabolas = jnp.pad(has_parabola, (1, 0)).astype(int) + jnp.pad(has_parabola, (0, 1))
+    cubes = increments**3 / 6
+    trapezoids = increments * (force[1:] + force[:-1]) / 2
+    work = trapezoids - cubes * (with_before + with_after) / jnp.maximum(num_parabolas, 1)
+    error = jnp.where(num_parabolas == 2, (with_before - with_after) / 2, with_before + with_after)
+    error = jnp.where(num_parabolas == 0, secants * increments**2 / 2, cubes * error)
     lost = jnp.sum(jnp.where(is_branch, work - jnp.diff(points.potential), 0))
     # NaN of a path without a state.
     begun = points.dissipation[0]

@@ -9,8 +9,9 @@ from jaxtyping import PRNGKeyArray
 
 from jaxstab.contact.contact import Contact
 from jaxstab.contact.resolution import warn_if_coarse
-from jaxstab.core.checks import is_traced, key_or_default
+from jaxstab.core.checks import key_or_default
 from jaxstab.core.compile import in_pieces, own_conventions, program
+from jaxstab.core.implicit import where_traced
 from jaxstab.core.loop import solver_or_default
 from jaxstab.core.progress import advance_to, progress_bar
 from jaxstab.core.results import RESULTS
@@ -116,7 +117,7 @@ def assess_stability(
         stability = _assessed(*constants)
         # Not all searches are needed.
         advance_to(lambda: _NUM_SEARCHES)
-        stability = with_derivatives(*inputs, stability)
+        stability = with_derivatives(stability, inputs)
     return finished(stability, problem, describe, throw)
 
 
@@ -167,10 +168,10 @@ def _stability(equilibrium: Equilibrium, state: AssessedState, found: Found) -> 
     )
 
 
-def with_derivatives(contact: Contact, equilibrium: Equilibrium, stability: Stability) -> Stability:
+@where_traced
+def with_derivatives(stability: Stability, inputs: tuple[Contact, Equilibrium]) -> Stability:
     """Return a stability as a differentiable function of the contact and the equilibrium."""
-    if not is_traced((contact, equilibrium)):
-        return stability
+    contact, equilibrium = inputs
     fixes_mean = contact.control(equilibrium.load).fixes_mean
 
     def attach(pair: Eigenpair, is_moving: Mask) -> Eigenpair:

@@ -30,21 +30,19 @@ def checked_heights(values: Any, shape: tuple[int, ...]) -> np.ndarray:
 
 def require_same_grid(grid: Grid, own: Grid) -> None:
     """Raise `ValueError` if a grid is not a topography's own."""
+    given = f"{times(grid.shape)} points"
+    expected = f"{times(own.shape)} points"
+    agrees = grid.shape == own.shape
     lengths = concrete(grid.lengths), concrete(own.lengths)
-    if grid.shape != own.shape or not (is_traced(lengths) or np.allclose(*lengths, ROUNDING, 0)):
-        given, expected = (_extent(*one) for one in zip((grid, own), lengths, strict=True))
+    if not is_traced(lengths):
+        given += f" of {times(lengths[0], '.6g')}"
+        expected += f" of {times(lengths[1], '.6g')}"
+        agrees &= bool(np.allclose(*lengths, ROUNDING, 0))
+    if not agrees:
         raise ValueError(
             f"The grid has {given}, the topography {expected}: give the topography's own, as in "
             "HalfSpace(topography.grid, ...)."
         )
-
-
-def _extent(grid: Grid, lengths: Any) -> str:
-    """Return the points of a grid, and its side lengths if they are known."""
-    points = f"{times(grid.shape)} points"
-    if is_traced(lengths):
-        return points
-    return f"{points} of {times(lengths, '.6g')}"
 
 
 def checked_band(k_low: Any, k_high: Any) -> tuple[float, float]:

@@ -18,17 +18,17 @@ from jaxstab.core.accuracy import NEGLIGIBLE
 from jaxstab.core.checks import (
     concrete,
     integer,
-    is_traced,
     parameter,
     require,
     require_known,
     require_positive,
+    where_known,
 )
 from jaxstab.core.compile import own_conventions, program
 from jaxstab.core.control_flow import by_entries
 from jaxstab.core.display import Outcome
 from jaxstab.core.grid import total
-from jaxstab.core.implicit import attach, finite, pushed, undefined
+from jaxstab.core.implicit import attach, finite, pushed, undefined, where_traced
 from jaxstab.core.progress import progress_bar
 from jaxstab.core.results import RESULTS
 from jaxstab.core.stack import stacked
@@ -173,14 +173,14 @@ def transition(
     inputs = problem.contact, problem.state
     first = start_of(*inputs, start)
     if end is None:
-        _require_pull(load)
+        _require_pull(jax.lax.stop_gradient(load))
         found, _ = _to_detached(number, itemgetter(0), *inputs, first)
         message = _NOT_DETACHED.format(load)
     else:
         constants = jax.lax.stop_gradient((*inputs, first, start_of(*inputs, end)))
         with own_conventions():
             found = _search(number, *constants)
-            found = _with_barriers(("there", "back"), *inputs, found)
+            found = _with_barriers(found, inputs, ("there", "back"))
         message = f"No pass was found between the two states at {load!r}"
     return finished(found, problem, lambda _: message, throw)
 
@@ -212,28 +212,27 @@ def pulls(load: Load) -> bool:
     return isinstance(load, MeanPressure) and bool(concrete(load.value) < 0)
 
 
+@where_known
 def _require_pull(load: Load) -> None:
     """Raise `ValueError` unless a load is a dead one that pulls."""
-    known = jax.lax.stop_gradient(load)
-    if not is_traced(known) and not pulls(known):
+    if not pulls(load):
         raise ValueError(
-            f"The end is None, for detached surfaces without an equilibrium, and the load {known!r}"
+            f"The end is None, for detached surfaces without an equilibrium, and the load {load!r}"
             " does not pull them apart for good, as MeanPressure below zero does: give the "
             "separated equilibrium at this load as the end, or a gap that relaxes to it."
         )
 
 
+@where_traced
 def _with_barriers(
-    names: tuple[str, ...], contact: Contact, load: Load, found: Transition
+    found: Transition, inputs: tuple[Contact, Load], names: tuple[str, ...]
 ) -> Transition:
     """Return a pass whose finite barriers are functions of contact and load."""
-    if not is_traced((contact, load)):
-        return found
     gaps = found.saddle.gap, found.start.gap, found.end.gap
     is_found = found.result == RESULTS.successful
     barriers = tuple(getattr(found, name) for name in names)
     known = gaps[: 1 + len(names)], is_found
-    moved = attach(_changes_of_barriers, barriers, known, (contact, load))
+    moved = attach(_changes_of_barriers, barriers, known, inputs)
     return replace(found, **dict(zip(names, moved, strict=True)))
 
 
@@ -341,7 +340,7 @@ def _to_detached(
         shown = [images[i] for i in places.round().astype(int)]
         shown = stacked(shown, shown[0])
         found = _over(*constants[:2], minimum, saddle, minima, shown, result)
-        return _with_barriers(("there",), contact, load, found), len(climbs) == 1
+        return _with_barriers(found, (contact, load), ("there",)), len(climbs) == 1
 
 
 @program
