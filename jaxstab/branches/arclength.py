@@ -15,6 +15,7 @@ On large grids a step may pass several active-set changes at once, where the cur
 """
 
 from dataclasses import replace
+from typing import NamedTuple
 
 import equinox as eqx
 import jax
@@ -76,9 +77,6 @@ class ArclengthStep(eqx.Module):
         expected: the number with which the branch goes on, `UNKNOWN` where it may be any.
         modes: the lowest modes there.
         turn: the turning point or bifurcation passed on the way to it, if there is one.
-        kind: its kind.
-        turn_mode: the direction of the branch there, or of another one that crosses it.
-        turns: whether there is one.
         lands: whether the next step is one to the last load.
         is_there: whether this one was.
         is_new: whether it is a new state; otherwise the step was cut.
@@ -90,14 +88,27 @@ class ArclengthStep(eqx.Module):
     index: Int[Array, ""]
     expected: Int[Array, ""]
     modes: Block
-    turn: Point
-    kind: KINDS
-    turn_mode: Field
-    turns: Flag
+    turn: "TurnInStep"
     lands: Flag
     is_there: Flag
     is_new: Flag
     is_found: Flag
+
+
+class TurnInStep(eqx.Module):
+    """A turning point or a bifurcation in a step.
+
+    Attributes:
+        is_there: whether there is one.
+        at: the point.
+        kind: its kind.
+        mode: the direction of the branch there, or of another one that crosses it.
+    """
+
+    is_there: Flag
+    at: Point
+    kind: KINDS
+    mode: Field
 
 
 class _Target(eqx.Module):
@@ -194,22 +205,22 @@ class _Account(eqx.Module):
     kind: KINDS
 
 
-class _TurnInStep(eqx.Module):
-    """A turning point or a bifurcation in a step.
+class _Trial(NamedTuple):
+    """A step that is tried.
 
     Attributes:
-        is_there: whether there is one.
-        agrees: whether with it the Morse index behind the step is explained.
-        at: the point.
-        kind: its kind.
-        mode: the direction of the branch there, or of another one that crosses it.
+        problem: the problem of the branch.
+        step: the step before, from whose state this one begins.
+        target: its target.
+        judgement: of the point that the corrector has found.
+        reached: the place there.
     """
 
-    is_there: Flag
-    agrees: Flag
-    at: Point
-    kind: KINDS
-    mode: Field
+    problem: ContinuationProblem
+    step: ArclengthStep
+    target: _Target
+    judgement: _Judgement
+    reached: Place
 
 
 def take_step(problem: ContinuationProblem, step: ArclengthStep) -> ArclengthStep:
@@ -229,20 +240,22 @@ def take_step(problem: ContinuationProblem, step: ArclengthStep) -> ArclengthSte
     found = correct(correction, target.start, target.row, old.tangent, target.close)
     judgement = _judged(problem, step, target, found)
     reached = replace(found.place, at=replace(found.place.at, gap=judgement.gap))
+    trial = _Trial(problem, step, target, judgement, reached)
     refused = replace(step, is_new=array(False))
 
     def explained() -> ArclengthStep:
-        events = _events_in(problem, step, target, judgement, reached)
-        account = _account_of(problem, step, target, judgement, reached, events)
+        events = _events_in(trial)
+        account = _account_of(trial, events)
         fold = events.fold
         direction = cond(judgement.folds, lambda: fold.tangent.gap, lambda: events.new.tangent.gap)
-        turn = _TurnInStep(account.turns, account.agrees, fold.at, account.kind, direction)
+        turn = TurnInStep(account.turns, fold.at, account.kind, direction)
+        agrees = account.agrees
         # To a limit no branch leads across another one: a bifurcation is a limit.
         if not problem.to_limit:
-            turn = cond(
+            turn, agrees = cond(
                 account.is_open,
-                lambda: _crossing(problem, step, target, judgement, reached, events, turn),
-                lambda: turn,
+                lambda: _crossing(trial, events, turn),
+                lambda: (turn, account.agrees),
             )
         taken = replace(
             step,
@@ -250,17 +263,14 @@ def take_step(problem: ContinuationProblem, step: ArclengthStep) -> ArclengthSte
             index=events.index,
             expected=account.expected,
             modes=events.modes,
-            turn=turn.at,
-            kind=turn.kind,
-            turn_mode=turn.mode,
-            turns=turn.is_there,
+            turn=turn,
             is_new=array(True),
         )
-        is_explained = concrete(account.is_sound) & concrete(turn.agrees)
+        is_explained = concrete(account.is_sound) & concrete(agrees)
         return cond(is_explained, lambda: taken, lambda: refused)
 
     after = cond(judgement.is_taken, explained, lambda: refused)
-    length, is_there = _next_length(problem, step, target, judgement, reached, after.is_new)
+    length, is_there = _next_length(trial, after.is_new)
     return replace(
         after,
         length=length,
@@ -360,14 +370,9 @@ def _judged(
     )
 
 
-def _events_in(
-    problem: ContinuationProblem,
-    step: ArclengthStep,
-    target: _Target,
-    judgement: _Judgement,
-    reached: Place,
-) -> _Events:
+def _events_in(trial: _Trial) -> _Events:
     """Return the fold in a step, the place beyond it, and its number of negative eigenvalues."""
+    problem, step, target, judgement, reached = trial
     curve = problem.curve
     fold, is_flat = cond(
         judgement.folds,
@@ -401,14 +406,8 @@ class _Turning(eqx.Module):
     change: Int[Array, ""]
 
     @classmethod
-    def at(
-        cls,
-        problem: ContinuationProblem,
-        target: _Target,
-        judgement: _Judgement,
-        reached: Place,
-        new: Place,
-    ) -> "_Turning":
+    def at(cls, trial: _Trial, new: Place) -> "_Turning":
+        problem, _, target, judgement, reached = trial
         curve = problem.curve
         back = curve.rate(reached.tangent) * curve.rate(new.tangent) < 0
         # At a release the released point has no part in the index yet.
@@ -424,20 +423,14 @@ class _Turning(eqx.Module):
 
 
 @program
-def _account_of(
-    problem: ContinuationProblem,
-    step: ArclengthStep,
-    target: _Target,
-    judgement: _Judgement,
-    reached: Place,
-    events: _Events,
-) -> _Account:
+def _account_of(trial: _Trial, events: _Events) -> _Account:
     """Return whether the events in a step explain the Morse index behind it, or modes might.
 
     Modes that have no part in the branch, since they break a symmetry, may change sign as they
     like: there other branches cross it.
     """
-    turning = _Turning.at(problem, target, judgement, reached, events.new)
+    problem, step, target, judgement, _ = trial
+    turning = _Turning.at(trial, events.new)
     index = events.index
     # Points that tie, by symmetry, take modes with them that break it.
     is_tied = turning.flips > 1
@@ -478,41 +471,27 @@ class _Crossing(eqx.Module):
     mode: Field
 
 
-def _crossing(
-    problem: ContinuationProblem,
-    step: ArclengthStep,
-    target: _Target,
-    judgement: _Judgement,
-    reached: Place,
-    events: _Events,
-    turn: _TurnInStep,
-) -> _TurnInStep:
+def _crossing(trial: _Trial, events: _Events, turn: TurnInStep) -> tuple[TurnInStep, Flag]:
     """Return the bifurcation in a step, or the turn otherwise, and whether it is explained.
 
     The signs of the modes that have a part in the branch are explained by events. Where another one
     changes its sign is found to second order in the length of the step.
     """
-    old = step.here
-    crossing = _crossed(problem, step, target, judgement, reached, events)
-    correction = Correction(problem.curve, crossing.condition, old.is_free)
-    close = EXACT[step.length.dtype.name]
-    found = correct(correction, crossing.start, target.row, old.tangent, close)
-    return _with_crossing(turn, crossing, found)
+    old = trial.step.here
+    crossing = _crossed(trial, events)
+    correction = Correction(trial.problem.curve, crossing.condition, old.is_free)
+    close = EXACT[trial.step.length.dtype.name]
+    found = correct(correction, crossing.start, trial.target.row, old.tangent, close)
+    return _with_crossing(turn, crossing, found), crossing.agrees
 
 
 @program
-def _crossed(
-    problem: ContinuationProblem,
-    step: ArclengthStep,
-    target: _Target,
-    judgement: _Judgement,
-    reached: Place,
-    events: _Events,
-) -> _Crossing:
+def _crossed(trial: _Trial, events: _Events) -> _Crossing:
     """Return the branch that crosses in a step, to first order."""
+    problem, step, target, judgement, reached = trial
     curve = problem.curve
     old = step.here
-    turning = _Turning.at(problem, target, judgement, reached, events.new)
+    turning = _Turning.at(trial, events.new)
 
     def driven(place: Place) -> DrivenIndex:
         gap = place.at.gap
@@ -542,12 +521,11 @@ def _crossed(
 
 
 @program
-def _with_crossing(turn: _TurnInStep, crossing: _Crossing, found: Found) -> _TurnInStep:
+def _with_crossing(turn: TurnInStep, crossing: _Crossing, found: Found) -> TurnInStep:
     is_there = crossing.is_there
     at = choose(found.is_found, found.place.at, crossing.start)
-    return _TurnInStep(
+    return TurnInStep(
         is_there=turn.is_there | is_there,
-        agrees=crossing.agrees,
         at=choose(is_there, at, turn.at),
         kind=KINDS.where(is_there, KINDS.bifurcation, turn.kind),
         mode=jnp.where(is_there, crossing.mode, turn.mode),
@@ -555,14 +533,7 @@ def _with_crossing(turn: _TurnInStep, crossing: _Crossing, found: Found) -> _Tur
 
 
 @program
-def _next_length(
-    problem: ContinuationProblem,
-    step: ArclengthStep,
-    target: _Target,
-    judgement: _Judgement,
-    reached: Place,
-    is_new: Flag,
-) -> tuple[Scalar, Flag]:
+def _next_length(trial: _Trial, is_new: Flag) -> tuple[Scalar, Flag]:
     """Return the length of the step after one, taken or not, and whether this is at the last load.
 
     1. After an easy step it is longer, after another one as long.
@@ -570,6 +541,7 @@ def _next_length(
     3. If the load turns in a step that may not, it ends about where it turns.
     4. Otherwise the step is cut, to where all gaps and reactions are positive, or by a factor.
     """
+    problem, step, target, judgement, reached = trial
     curve = problem.curve
     old = step.here
     is_easy = judgement.is_easy & ~target.is_change

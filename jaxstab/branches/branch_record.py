@@ -54,7 +54,7 @@ class Recording:
             if branch.step.is_new:
                 self.entries.append(self._kept(entry))
                 advance_if_known(entry)
-                if branch.step.turns:
+                if branch.step.turn.is_there:
                     self.turns.append(turn)
         return self
 
@@ -87,4 +87,4 @@ class Tables(eqx.Module):
         """Return the tables with the state and the turn of a branch after a step."""
         is_new = branch.step.is_new
         states = self.states.with_entry(entry, is_new)
-        return Tables(states, self.turns.with_entry(turn, is_new & branch.step.turns))
+        return Tables(states, self.turns.with_entry(turn, is_new & branch.step.turn.is_there))

@@ -8,13 +8,13 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Int
 
-from jaxstab.branches.arclength import ArclengthStep, take_step
+from jaxstab.branches.arclength import ArclengthStep, TurnInStep, take_step
 from jaxstab.branches.branch import Turn
 from jaxstab.branches.corrector import (
-    Condition,
     Correction,
+    Undirected,
     correct,
-    direction_at,
+    directed,
     on_plane,
 )
 from jaxstab.branches.curve import ContinuationProblem, Curve, Place, Point
@@ -28,7 +28,7 @@ from jaxstab.core.checks import array, cast, concrete, require, require_finite
 from jaxstab.core.compile import program
 from jaxstab.core.control_flow import cond
 from jaxstab.core.results import RESULTS
-from jaxstab.core.types import Field, Flag, Mask, Scalar
+from jaxstab.core.types import Field, Flag, Scalar
 from jaxstab.equilibrium import Equilibrium
 from jaxstab.equilibrium.equilibrium import state_at
 from jaxstab.loads import Load, require_loads, require_same_machine
@@ -91,60 +91,36 @@ def begin(
     to_limit: bool = False,
 ) -> tuple[ContinuationProblem, BranchState]:
     """Return the problem between two loads, and a branch at its first state, an equilibrium."""
-    start = _start(contact, loads, found)
-    curve = start.curve
-    at = start.at
+    curve, first, no_direction, modes = _start(contact, loads, found)
     dtype = found.gap.dtype
-    near = start.nothing
-    tangent = direction_at(curve, start.condition, at, start.is_free, start.ahead, near)
-    here = Place(at, start.is_free, tangent)
+    here = directed(curve, first, no_direction)
     if dtype == jnp.float32:
         # A solver may stop as far from the curve as a short step may from its prediction.
-        correction = Correction(curve, start.condition, start.is_free, follows=True)
-        closer = correct(correction, at, start.ahead, tangent, EXACT[dtype.name])
+        correction = Correction(curve, first.condition, first.is_free, follows=True)
+        closer = correct(correction, first.at, first.ahead, here.tangent, EXACT[dtype.name])
         here = cond(closer.is_found, lambda: closer.place, lambda: here)
-    modes = start.modes
     load = curve.load
     index, modes = index_of(contact, load, here.at.gap, modes, counts_all=not to_limit)
     problem, length = _problem(to_limit, curve, loads, here, max_step, min_step)
     return problem, branch_from(here, length, index, modes, found.result)
 
 
-class _Start(eqx.Module):
-    """The first point of a branch, but for its direction.
-
-    Attributes:
-        curve: the curve.
-        at: the point.
-        is_free: its free points.
-        ahead: the gradient of the load, with the sign of its change along the branch.
-        condition: that the load has its first value.
-        nothing: no direction.
-        modes: none that are known.
-    """
-
-    curve: Curve
-    at: Point
-    is_free: Mask
-    ahead: Point
-    condition: Condition
-    nothing: Point
-    modes: Block
-
-
 @program
-def _start(contact: Contact, loads: Load, found: Equilibrium) -> _Start:
+def _start(
+    contact: Contact, loads: Load, found: Equilibrium
+) -> tuple[Curve, Undirected, Point, Block]:
+    """Return the curve, the first point of a branch, and that no direction and modes are known."""
     gap = found.gap
     load = loads[0]
     at = Point(gap, pressure_of(contact, load, gap))
     curve = Curve.of(contact, load)
     row = curve.load_gradient
-    first, last = loads.value.astype(gap.dtype)
-    span = last - first
+    value, last = loads.value.astype(gap.dtype)
+    span = last - value
     ahead = Point(jnp.sign(span) * row.gap, jnp.sign(span) * row.pressure)
-    condition = on_plane(row, first - curve.load_offset, jnp.abs(span))
-    nothing = jax.tree.map(jnp.zeros_like, at)
-    return _Start(curve, at, gap > 0, ahead, condition, nothing, no_modes(gap))
+    condition = on_plane(row, value - curve.load_offset, jnp.abs(span))
+    first = Undirected(at, gap > 0, condition, ahead)
+    return curve, first, jax.tree.map(jnp.zeros_like, at), no_modes(gap)
 
 
 @partial(program, static_argnums=0)
@@ -182,10 +158,7 @@ def branch_from(
         index=index,
         expected=index,
         modes=modes,
-        turn=here.at,
-        kind=KINDS.fold,
-        turn_mode=here.tangent.gap,
-        turns=array(False),
+        turn=TurnInStep(array(False), here.at, KINDS.fold, here.tangent.gap),
         lands=array(False),
         is_there=array(False),
         is_new=array(True),
@@ -258,11 +231,12 @@ def entry_of(problem: ContinuationProblem, branch: BranchState) -> tuple[Entry, 
         return state_at(contact, load.at(problem.curve.value(at)), at.gap)
 
     here = step.here
-    equilibrium = state(step.turn)
+    turn = step.turn
+    equilibrium = state(turn.at)
     entry = Entry(point_of(contact, state(here.at), problem.curve.value(here.at)), step.index)
-    size = jnp.sqrt(jnp.sum(step.turn_mode**2))
-    mode = step.turn_mode / jnp.where(size > 0, size, 1)
-    return entry, Turn(equilibrium.load, step.kind, equilibrium, mode, branch.count - 1)
+    size = jnp.sqrt(jnp.sum(turn.mode**2))
+    mode = turn.mode / jnp.where(size > 0, size, 1)
+    return entry, Turn(equilibrium.load, turn.kind, equilibrium, mode, branch.count - 1)
 
 
 @program

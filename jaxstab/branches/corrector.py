@@ -155,15 +155,30 @@ def correct(
     return _newton(problem, start, ahead, near, as_array(close, dtype), as_array(fine, dtype))
 
 
-def direction_at(
-    curve: Curve, condition: Condition, at: Point, is_free: Mask, ahead: Point, near: Point
-) -> Point:
-    """Return the direction of a curve at one of its points, along which a linear function grows.
+class Undirected(eqx.Module):
+    """A point of the curve before its direction is known.
 
-    Sought from another one nearby, or from zero, by the last step of the corrector.
+    Attributes:
+        at: the point.
+        is_free: its free points.
+        condition: a condition that it meets.
+        ahead: the gradient of a linear function that grows along the direction.
     """
-    problem = Correction(curve, condition, is_free)
-    return correct(problem, at, ahead, near, np.inf).place.tangent
+
+    at: Point
+    is_free: Mask
+    condition: Condition
+    ahead: Point
+
+
+def directed(curve: Curve, point: Undirected, near: Point) -> Place:
+    """Return a point of a curve with the direction there.
+
+    Sought from another direction nearby, or from zero, by the last step of the corrector.
+    """
+    problem = Correction(curve, point.condition, point.is_free)
+    tangent = correct(problem, point.at, point.ahead, near, np.inf).place.tangent
+    return Place(point.at, point.is_free, tangent)
 
 
 @program

@@ -26,7 +26,7 @@ from jaxstab.contact.resolution import FOR_JUMPS, warn_if_coarse
 from jaxstab.core.accuracy import EQUILIBRIUM, rounding_of_numbers
 from jaxstab.core.checks import array
 from jaxstab.core.compile import in_pieces, own_conventions, program
-from jaxstab.core.control_flow import cond, while_loop
+from jaxstab.core.control_flow import choose, cond, while_loop
 from jaxstab.core.grid import mean
 from jaxstab.core.progress import advance_if_known, advance_to, progress_bar
 from jaxstab.core.results import RESULTS
@@ -137,10 +137,11 @@ def _is_answer(limit: Limit) -> Flag:
     return limit.is_found | (limit.result == RESULTS.lost_branch)
 
 
-class _Attempt(eqx.Module):
-    """The search for a branch beyond a limit.
+class _Search(eqx.Module):
+    """The limit of the branch before, or none yet, and where the next branch is sought.
 
     Attributes:
+        limit: the limit.
         loads: the load at which it begins, and the last one.
         step: how far the first lies beyond the limit, or beyond the load that was tried before.
         max_move: how far a step of the solver may move a point there.
@@ -150,6 +151,7 @@ class _Attempt(eqx.Module):
         is_open: whether another branch is to be followed.
     """
 
+    limit: Limit
     loads: Load
     step: Scalar
     max_move: Scalar
@@ -157,13 +159,6 @@ class _Attempt(eqx.Module):
     is_over: Flag
     is_stuck: Flag
     is_open: Flag
-
-
-class _Search(eqx.Module):
-    """The limit of the branch before, or none yet, and where the next branch is sought."""
-
-    limit: Limit
-    attempt: _Attempt
 
 
 def _limit(contact: Contact, loads: Load, start: Field) -> Limit:
@@ -179,31 +174,29 @@ def _limit(contact: Contact, loads: Load, start: Field) -> Limit:
     5. If the branch was lost, or has not left the release before, repeat from 1 farther beyond.
     6. If it is any other limit, or the branch has none, that is the answer.
     """
-    none, attempt = _begun(contact, loads, start)
 
     def next_limit(search: _Search) -> _Search:
-        attempt = search.attempt
         # In single precision a looser solver takes the last state of a branch for balanced behind
         # its end: it goes on as far as rounding allows, which is close enough.
         tolerance = AT_STATES[contact.heights.dtype.name]
-        solver = PreconditionedConjugateGradient(max_move=attempt.max_move, tolerance=tolerance)
-        found = find(contact, attempt.loads[0], solver, search.limit.gap)
+        solver = PreconditionedConjugateGradient(max_move=search.max_move, tolerance=tolerance)
+        found = find(contact, search.loads[0], solver, search.limit.gap)
         result, is_left = _is_left(contact, search, found)
         found = replace(found, result=result)
         limit, is_stable = cond(
             is_left,
             lambda: (search.limit, array(True)),
-            lambda: _limit_from(contact, attempt.loads, found),
+            lambda: _limit_from(contact, search.loads, found),
         )
-        attempt = _next_attempt(search, loads, limit, is_stable, is_left)
-        return _Search(cond(attempt.is_stuck, lambda: search.limit, lambda: limit), attempt)
+        return _continued(search, loads, limit, is_stable, is_left)
 
-    search = while_loop(lambda search: search.attempt.is_open, next_limit, _Search(none, attempt))
+    begun = _begun(contact, loads, start)
+    search = while_loop(lambda search: search.is_open, next_limit, begun)
     return replace(search.limit, result=_result(search))
 
 
 @program
-def _begun(contact: Contact, loads: Load, start: Field) -> tuple[Limit, _Attempt]:
+def _begun(contact: Contact, loads: Load, start: Field) -> _Search:
     """Return that no limit is known, and the search for the first branch."""
     dtype = contact.heights.dtype
     loads = loads.at(loads.value.astype(dtype))
@@ -211,8 +204,9 @@ def _begun(contact: Contact, loads: Load, start: Field) -> tuple[Limit, _Attempt
     infinite = jnp.full((), jnp.inf, dtype)
     # Between equal loads, or such that are not finite, no branch is followed.
     is_open = (loads.value[1] - loads.value[0]) ** 2 > 0
-    attempt = _Attempt(loads, _just_beyond(loads), infinite, jnp.zeros((), int), no, no, is_open)
-    return no_limit(contact, loads[0], start), attempt
+    none = no_limit(contact, loads[0], start)
+    number = jnp.zeros((), int)
+    return _Search(none, loads, _just_beyond(loads), infinite, number, no, no, is_open)
 
 
 def _just_beyond(loads: Load) -> Scalar:
@@ -241,7 +235,7 @@ def _is_left(contact: Contact, search: _Search, found: Equilibrium) -> tuple[RES
     force = jnp.where(limit.is_found, force_after, force)
     work = (found.load.value - limit.load.value) * (force + force_after) / 2
     is_lost = before + work - after > _SMALLEST_LOSS * characteristic_energy(contact)
-    return result, (search.attempt.number > 0) & ((result != RESULTS.successful) | is_lost)
+    return result, (search.number > 0) & ((result != RESULTS.successful) | is_lost)
 
 
 def _limit_from(contact: Contact, loads: Load, found: Equilibrium) -> tuple[Limit, Flag]:
@@ -262,10 +256,10 @@ def _if_stable(branch: BranchState) -> tuple[RESULTS, Flag]:
 
 
 @program
-def _next_attempt(
+def _continued(
     search: _Search, loads: Load, limit: Limit, is_stable: Flag, is_left: Flag
-) -> _Attempt:
-    """Return the next attempt, from the limit of a branch and whether it began stable.
+) -> _Search:
+    """Return the search after the limit of a branch, given whether the branch began stable.
 
     Arguments:
         search: the search before.
@@ -275,14 +269,13 @@ def _next_attempt(
         is_left: whether the limit before is the answer.
     """
     old = search.limit
-    attempt = search.attempt
-    first, last = loads.value.astype(attempt.step.dtype)
-    value = attempt.loads.value[0]
+    first, last = loads.value.astype(search.step.dtype)
+    value = search.loads.value[0]
     # Right behind a release the solver may stay where the point has not opened yet.
     is_lost = limit.result == RESULTS.lost_branch
     distance = jnp.abs(value - old.load.value)
     is_near = jnp.abs(limit.load.value - old.load.value) <= _FARTHER * distance
-    is_stuck = (attempt.number > 0) & (~is_stable | (is_lost & is_near & old.is_found))
+    is_stuck = (search.number > 0) & (~is_stable | (is_lost & is_near & old.is_found))
     is_lost |= is_stuck
     is_release = limit.is_found & (limit.kind == KINDS.release)
     is_over = is_left | (~is_lost & ~is_release)
@@ -290,15 +283,16 @@ def _next_attempt(
     reached = jnp.where(is_stuck, old.load.value, limit.load.value)
     reached = jnp.where((reached - value) * (last - first) > 0, reached, value)
     over = _OVER * (last - first)
-    is_short = jnp.abs(_FARTHER * attempt.step) < jnp.abs(over)
-    farther = jnp.where(is_stuck & is_short, _FARTHER * attempt.step, over)
+    is_short = jnp.abs(_FARTHER * search.step) < jnp.abs(over)
+    farther = jnp.where(is_stuck & is_short, _FARTHER * search.step, over)
     step = jnp.where(is_lost, farther, _just_beyond(loads).astype(farther.dtype))
     value = reached + step
-    return _Attempt(
+    return _Search(
+        limit=choose(is_stuck, old, limit),
         loads=loads.at(jnp.stack([value, last])),
         step=step,
-        max_move=jnp.full_like(attempt.max_move, _MAX_MOVE),
-        number=attempt.number + 1,
+        max_move=jnp.full_like(search.max_move, _MAX_MOVE),
+        number=search.number + 1,
         is_over=is_over,
         is_stuck=is_stuck,
         is_open=~is_over & ((last - value) * (last - first) > 0),
@@ -308,11 +302,10 @@ def _next_attempt(
 @program
 def _result(search: _Search) -> RESULTS:
     """Return how a search for a limit has ended."""
-    attempt = search.attempt
     result = search.limit.result
-    is_lost = (attempt.number > 0) & (attempt.is_stuck | (result == RESULTS.lost_branch))
+    is_lost = (search.number > 0) & (search.is_stuck | (result == RESULTS.lost_branch))
     otherwise = RESULTS.where(is_lost, RESULTS.lost_branch, RESULTS.no_fold)
-    return RESULTS.where(attempt.is_over, result, otherwise)
+    return RESULTS.where(search.is_over, result, otherwise)
 
 
 def _describe(bracket: Load, found: CriticalLoad) -> str:

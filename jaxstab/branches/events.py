@@ -12,9 +12,10 @@ from jaxtyping import Array, Int
 from jaxstab.branches.corrector import (
     Condition,
     Correction,
+    Undirected,
     at_change,
     correct,
-    direction_at,
+    directed,
     on_plane,
 )
 from jaxstab.branches.curve import Curve, Place, Point
@@ -68,24 +69,6 @@ def changes_ahead(curve: Curve, place: Place, shortest: Scalar) -> ActiveSetChan
     return ActiveSetChanges(forces.net, rate, distances, first, point, tied)
 
 
-class _Beyond(eqx.Module):
-    """A place beyond an active-set change, but for its direction.
-
-    Attributes:
-        at: the point.
-        is_free: its free points.
-        flips: those that have changed sides.
-        ahead: the gradient of a function that grows along the direction.
-        condition: one that is met there.
-    """
-
-    at: Point
-    is_free: Mask
-    flips: Mask
-    ahead: Point
-    condition: Condition
-
-
 def beyond_change(
     curve: Curve, place: Place, changes: ActiveSetChanges, opens: Flag
 ) -> tuple[Place, Flag]:
@@ -95,9 +78,9 @@ def beyond_change(
     """
 
     def beyond(with_tied: Flag) -> tuple[Place, Flag]:
-        new = _flipped(curve, place, changes, opens, with_tied)
-        tangent = direction_at(curve, new.condition, new.at, new.is_free, new.ahead, place.tangent)
-        return Place(new.at, new.is_free, tangent), _goes_on(curve, new, tangent)
+        point, flips = _flipped(curve, place, changes, opens, with_tied)
+        new = directed(curve, point, place.tangent)
+        return new, _goes_on(curve, new, flips)
 
     return first_good(beyond, lambda found: found[1], [array(True), array(False)])
 
@@ -105,7 +88,8 @@ def beyond_change(
 @program
 def _flipped(
     curve: Curve, place: Place, changes: ActiveSetChanges, opens: Flag, with_tied: Flag
-) -> _Beyond:
+) -> tuple[Undirected, Mask]:
+    """Return the point beyond an active-set change, and the points that change sides there."""
     # The first has a gap that grows, or a reaction.
     unit = at_change(curve, changes.point, ~opens, jnp.ones_like(place.at.pressure))
     forces = curve.forces(place.at, place.is_free)
@@ -117,15 +101,15 @@ def _flipped(
     flips = changes.point | (changes.tied & vanishes & with_tied)
     point = Point(jnp.where(flips, 0, place.at.gap), place.at.pressure)
     condition = at_change(curve, changes.point, opens, jnp.ones_like(place.at.pressure))
-    return _Beyond(point, place.is_free ^ flips, flips, ahead, condition)
+    return Undirected(point, place.is_free ^ flips, condition, ahead), flips
 
 
 @program
-def _goes_on(curve: Curve, new: _Beyond, tangent: Point) -> Flag:
-    rate = curve.net_rate(curve.contact.curvature(new.at.gap), tangent)
+def _goes_on(curve: Curve, new: Place, flips: Mask) -> Flag:
+    rate = curve.net_rate(curve.contact.curvature(new.at.gap), new.tangent)
     # Released points open further along the tangent, others are pressed more.
-    goes_on = jnp.where(new.is_free, tangent.gap, rate) > 0
-    return jnp.all(goes_on | ~new.flips)
+    goes_on = jnp.where(new.is_free, new.tangent.gap, rate) > 0
+    return jnp.all(goes_on | ~flips)
 
 
 class _SmoothStep(eqx.Module):

@@ -24,12 +24,13 @@ from jaxstab.branches.corrector import (
     Condition,
     Correction,
     Found,
+    Undirected,
     at_change,
     correct,
-    direction_at,
+    directed,
     on_plane,
 )
-from jaxstab.branches.curve import ContinuationProblem, Curve, Point
+from jaxstab.branches.curve import ContinuationProblem, Curve, Place, Point
 from jaxstab.branches.kinds import KINDS
 from jaxstab.branches.morse_index import UNKNOWN, lowest_pair, no_modes
 from jaxstab.contact import Contact
@@ -112,18 +113,6 @@ class _Ahead(eqx.Module):
     modes: Block
 
 
-class _SearchStart(eqx.Module):
-    """A start of the search for the limit ahead of a state.
-
-    Attributes:
-        back: how far behind the state it lies, over a usual distance.
-        closes: whether the least open points of the state are closed before.
-    """
-
-    back: Scalar
-    closes: Flag
-
-
 def limit_ahead(contact: Contact, load: Load, gap: Field, ahead: Scalar) -> Limit:
     """Return the limit of a branch from a state close to it.
 
@@ -142,20 +131,17 @@ def limit_ahead(contact: Contact, load: Load, gap: Field, ahead: Scalar) -> Limi
     search = _ahead(contact, load, gap, ahead)
     curve = search.problem.curve
 
-    def from_start(start: _SearchStart) -> tuple[Limit, Flag]:
-        at, is_free, condition = _state_of(search, start)
-        tangent = direction_at(curve, condition, at, is_free, search.row, search.nothing)
-        plane, row, at = _plane_behind(search, start, at, tangent)
-        behind = correct(Correction(curve, plane, is_free), at, row, tangent, AT_STATES[dtype.name])
+    def from_start(start: tuple[Scalar, Flag]) -> tuple[Limit, Flag]:
+        distance, closes = start
+        here = directed(curve, _state_of(search, closes), search.nothing)
+        plane, row, at = _plane_behind(search, distance, here)
+        correction = Correction(curve, plane, here.is_free)
+        behind = correct(correction, at, row, here.tangent, AT_STATES[dtype.name])
         is_on_curve, result, length = _begun(search, behind)
         branch = branch_from(behind.place, length, array(UNKNOWN), search.modes, result)
         return limit_of(search.problem, branch), is_on_curve
 
-    starts = [
-        _SearchStart(array(back, dtype), array(closes))
-        for back in _BACKS
-        for closes in (False, True)
-    ]
+    starts = [(array(back, dtype), array(closes)) for back in _BACKS for closes in (False, True)]
     limit, is_on_curve = first_good(from_start, lambda found: found[0].is_found, starts)
     return cond(
         # Ahead of a state past a bifurcation, a turn of the load is none of a stable branch.
@@ -181,26 +167,28 @@ def _ahead(contact: Contact, load: Load, gap: Field, ahead: Scalar) -> _Ahead:
 
 
 @program
-def _state_of(search: _Ahead, start: _SearchStart) -> tuple[Point, Mask, Condition]:
-    """Return the state of a start, its free points, and the condition that it has its load."""
+def _state_of(search: _Ahead, closes: Flag) -> Undirected:
+    """Return the state, also with its least open points closed, as a point of the curve."""
     gap = search.at.gap
     least_open = gap == jnp.min(jnp.where(gap > 0, gap, jnp.inf))
-    is_free = (gap > 0) & ~(least_open & start.closes)
+    is_free = (gap > 0) & ~(least_open & closes)
     at = Point(jnp.where(is_free, gap, 0), search.at.pressure)
-    longest = search.problem.max_step
-    return at, is_free, on_plane(search.row, search.row.times(at), longest)
+    condition = on_plane(search.row, search.row.times(at), search.problem.max_step)
+    return Undirected(at, is_free, condition, search.row)
 
 
 @program
-def _plane_behind(
-    search: _Ahead, start: _SearchStart, at: Point, tangent: Point
-) -> tuple[Condition, Point, Point]:
-    """Return the plane behind the state of a start, the gradient across it, and a point there."""
+def _plane_behind(search: _Ahead, distance: Scalar, here: Place) -> tuple[Condition, Point, Point]:
+    """Return the plane behind a place, the gradient across it, and a point there.
+
+    The distance is given over a usual one.
+    """
+    at = here.at
     curve = search.problem.curve
     longest = search.problem.max_step
-    back = NEGLIGIBLE[at.gap.dtype.name] * curve.length(search.at) * start.back
-    row = curve.gradient_of(tangent)
-    return on_plane(row, row.times(at) - back, longest), row, at.plus(tangent, -back)
+    back = NEGLIGIBLE[at.gap.dtype.name] * curve.length(search.at) * distance
+    row = curve.gradient_of(here.tangent)
+    return on_plane(row, row.times(at) - back, longest), row, at.plus(here.tangent, -back)
 
 
 @program
@@ -313,12 +301,13 @@ def _narrowed(
 ) -> _Bracketing:
     """Return the bracket after a step from an old to a new state."""
     taken = problem.curve.length(new.step.here.at.minus(old.step.here.at))
-    is_past = new.step.is_new & (new.step.turns | ((old.step.index == 0) & (new.step.index > 0)))
+    is_unstable = (old.step.index == 0) & (new.step.index > 0)
+    is_past = new.step.is_new & (new.step.turn.is_there | is_unstable)
     width = jnp.where(is_past, taken, bracket.width - taken)
     width = jnp.where(new.step.is_new, width, bracket.width)
     count = bracket.count + 1
     next_length = jnp.where(is_past, old.step.length, new.step.length)
-    is_wide = (width > _closest(problem)) & ~(is_past & new.step.turns)
+    is_wide = (width > _closest(problem)) & ~(is_past & new.step.turn.is_there)
     return _Bracketing(
         is_past=is_past,
         width=width,
@@ -364,10 +353,11 @@ def _seen(problem: ContinuationProblem, search: _LimitSearch) -> _Seen:
     old = search.before.step
     new = search.after.step
     is_free = old.here.is_free & new.here.is_free
-    is_release = new.turns & (new.kind != KINDS.fold)
+    turn = new.turn
+    is_release = turn.is_there & (turn.kind != KINDS.fold)
     released = (old.here.is_free ^ new.here.is_free) & is_release
     first = jnp.arange(released.size).reshape(released.shape) == jnp.argmax(released)
-    at = choose(new.turns, new.turn, new.here.at)
+    at = choose(turn.is_there, turn.at, new.here.at)
     gap = jnp.where(is_free, jnp.maximum(at.gap, 0), 0)
     at = Point(gap, at.pressure)
     return _Seen(
@@ -412,7 +402,7 @@ def _limit(
     tangent = new.here.tangent.gap
     mode = pair.mode
     along = jnp.abs(total(tangent * mode))
-    crosses = ~new.turns & (along < _ALONG * jnp.sqrt(total(tangent**2) * total(mode**2)))
+    crosses = ~new.turn.is_there & (along < _ALONG * jnp.sqrt(total(tangent**2) * total(mode**2)))
     kind = KINDS.where(is_release, KINDS.release, KINDS.fold)
     kind = KINDS.where(crosses, KINDS.bifurcation, kind)
     kind = KINDS.where(is_event, kind, KINDS.uncertain)

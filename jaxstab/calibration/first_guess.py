@@ -39,7 +39,7 @@ _ROUGHLY = 1e-4
 _POINTS = 300
 # Of a curve without attraction the contact begins near this part of its largest force.
 _BEGIN = 0.1
-# The window ends where the undeformed gap is so many ranges at the deepest position.
+# The tip ends where its undeformed gap is so many ranges at the deepest position.
 _RANGES = 5.0
 # A tip is not lighter than water [kg/m^3], and on the earth [m/s^2].
 _DENSITY = 1000.0
@@ -77,8 +77,8 @@ def first_guess(
     """Return a contact of a tip to start `calibrate` from: a paraboloid on an elastic half space.
 
     Modulus, work of adhesion, range and contact point are those of Maugis' closed form (J. Colloid
-    Interface Sci. 150, 243, 1992), fitted to the curve. The window holds the contact and the
-    attraction around it. A range that its grid does not resolve is replaced by the shortest that it
+    Interface Sci. 150, 243, 1992), fitted to the curve. The grid holds the contact and the
+    attraction around it. A range that the grid does not resolve is replaced by the shortest that it
     does. A curve that shows no attraction gives a contact without adhesion.
 
     Radius and Poisson's ratio are in no file, and no curve tells them: a force curve of a larger

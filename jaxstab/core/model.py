@@ -1,9 +1,9 @@
 """The model of Rey & Bleyer on a page: each equation a function of fields, with its number.
 
-The rest of the package computes with these. Units, windows and the terms that a load adds wrap
-them, where they are called. In the notation of the paper h are the heights, g the gap, u the
-displacement, K the elastic operator, f the adhesive energy per area, and mu the reaction. Sums run
-over the points, as in (15): times the area of a point they are the integrals of (5).
+The rest of the package computes with these. Units and the terms that a load adds wrap them, where
+they are called. In the notation of the paper h are the heights, g the gap, u the displacement, K
+the elastic operator, f the adhesive energy per area, and mu the reaction. Sums run over the points,
+as in (15): times the area of a point they are the integrals of (5).
 """
 
 import jax

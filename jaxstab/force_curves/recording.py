@@ -46,8 +46,8 @@ class Recording:
     def curve(self) -> ForceCurve:
         """Return the curve, with its segments told apart.
 
-        The approach is the segment with the longest way down, the retraction the one with the
-        longest way up. Without labels the curve is divided where its height is least.
+        The approach is the segment that moves farthest down, the retraction the one that moves
+        farthest up. Without labels the curve is divided where its height is least.
 
         Raises:
             ValueError: if there are too few points, or if heights grow towards the sample.
@@ -59,13 +59,13 @@ class Recording:
         if extent == 0:
             raise ValueError("its height is the same at all points.")
         runs, remarks = self._runs(extent)
-        ways = [self._way(run) for run in runs]
+        moves = [self._move(run) for run in runs]
         down = None
-        if min(ways) < -_MOVE * extent:
-            down = int(np.argmin(ways))
+        if min(moves) < -_MOVE * extent:
+            down = int(np.argmin(moves))
         up = None
-        if max(ways) > _MOVE * extent:
-            up = int(np.argmax(ways))
+        if max(moves) > _MOVE * extent:
+            up = int(np.argmax(moves))
         self._require_direction(runs, down, up)
         segments = [self._segment(run) for run in runs]
         ends: dict[str, Any] = {"approach": None, "retraction": None}
@@ -115,7 +115,7 @@ class Recording:
             return [slice(0, highest + 1), slice(highest + 1, count)], ()
         return [slice(0, count)], ()
 
-    def _way(self, run: slice) -> float:
+    def _move(self, run: slice) -> float:
         """Return the change of the height from the first to the last point that is known."""
         height = self.height[run]
         known = height[np.isfinite(height)]

@@ -63,7 +63,7 @@ class Progress(eqx.Module):
         last: the state before.
         next_length: the length of the next step.
         bisection: for the end of the branch.
-        part: the number of the monotone part of the load path.
+        leg: the number of the leg of the load path, from one turning point to the next.
         is_apart: whether the load has pulled the surfaces apart.
         last_state: the number of the last state recorded.
         result: how it went so far.
@@ -73,7 +73,7 @@ class Progress(eqx.Module):
     last: PathPoint
     next_length: Scalar
     bisection: Bisection
-    part: Int[Array, ""]
+    leg: Int[Array, ""]
     is_apart: Flag
     last_state: Int[Array, ""]
     result: RESULTS
@@ -81,7 +81,7 @@ class Progress(eqx.Module):
     def is_open(self, load: Load) -> Flag:
         """Return whether there is a step to take along a load path."""
         # NumPy compiles nothing.
-        is_before_end = concrete(self.part) < load.value.size - 1
+        is_before_end = concrete(self.leg) < load.value.size - 1
         return is_before_end & concrete(self.result == RESULTS.successful)
 
 
@@ -92,7 +92,7 @@ class TrialStep(eqx.Module):
         value: the load it leads to.
         length: its length.
         start: where the equilibrium there is sought from.
-        is_end: whether it leads to the end of this part of the load path.
+        is_end: whether it leads to the end of this leg of the load path.
         is_final: whether a jump is located there, if there is one.
     """
 
@@ -142,7 +142,7 @@ def next_step(load_path: LoadPath, progress: Progress) -> TrialStep:
     """Return the next step to try."""
     here = progress.here
     bisection = progress.bisection
-    target = load_path.load.value[progress.part + 1]
+    target = load_path.load.value[progress.leg + 1]
     left = jnp.abs(target - here.value)
     # Where it failed by its length alone, the rest of the step is right.
     tries_whole = (bisection.distance <= bisection.nearness) | (bisection.error <= 1)
@@ -213,45 +213,10 @@ def _outcome_of(
     )
 
 
-class Step(eqx.Module):
-    """A step that was taken, as far as load stepping records it.
-
-    Attributes:
-        ahead: how far it has led, with its sign [unit of the load].
-        dissipation: the loss of its jump [energy]; NaN where surfaces fall apart or touch.
-        is_state: whether it has led to a new state, of surfaces that are not apart.
-        is_jump: whether it has located a jump.
-        is_pulled: whether the surfaces fell apart in the jump.
-        is_touch: whether it has located a touch.
-    """
-
-    ahead: Scalar
-    dissipation: Scalar
-    is_state: Flag
-    is_jump: Flag
-    is_pulled: Flag
-    is_touch: Flag
-
-    def record(self, before: Progress, after: Progress) -> Record:
-        """Return its record, given the progress before and after it."""
-        event = Event(
-            before=before.here,
-            after=after.here,
-            ahead=self.ahead,
-            dissipation=self.dissipation,
-            state=before.last_state,
-            is_jump=self.is_jump,
-            is_pulled=self.is_pulled,
-            is_touch=self.is_touch,
-        )
-        is_event = concrete(self.is_jump) | concrete(self.is_touch)
-        return Record(after.here, self.is_state, event, is_event, after.part, after.result)
-
-
 def apply_step(
     load_path: LoadPath, progress: Progress, trial: TrialStep, equilibrium: Equilibrium
-) -> tuple[Progress, Step]:
-    """Return the progress after a step to an equilibrium, and the step.
+) -> tuple[Progress, Record]:
+    """Return the progress after a step to an equilibrium, and the record of the step.
 
     1. Judge the step by the equilibrium.
     2. If it is accepted, the path goes on from there, otherwise from where it was.
@@ -281,13 +246,22 @@ def apply_step(
         last=last,
         next_length=jnp.where(accepts & ~bisection.is_on, next_length, progress.next_length),
         bisection=bisection,
-        part=progress.part + (accepts & trial.is_end),
+        leg=progress.leg + (accepts & trial.is_end),
         is_apart=is_apart,
         last_state=progress.last_state + is_state,
         result=RESULTS.where(has_failed, equilibrium.result, progress.result),
     )
-    ahead = here.value - progress.here.value
-    return after, Step(ahead, lost, is_state, outcome.is_jump, outcome.is_pulled, outcome.is_touch)
+    event = Event(
+        before=progress.here,
+        after=here,
+        ahead=here.value - progress.here.value,
+        dissipation=lost,
+        state=progress.last_state,
+        is_jump=outcome.is_jump,
+        is_pulled=outcome.is_pulled,
+        is_touch=outcome.is_touch,
+    )
+    return after, Record(here, is_state, event, is_event, after.leg, after.result)
 
 
 def _bisected(
@@ -317,7 +291,7 @@ def _next_length(
     next_length = jnp.minimum(trial.length * jnp.clip(growth, 0.5, 2), load_path.max_step)
     # A load that was only too far away is passed by steps that grow again.
     next_length = jnp.where(progress.bisection.is_on, 2 * trial.length, next_length)
-    # A step cut short by the end of a part, to no length even, says nothing against a long one.
+    # A step cut short by the end of a leg, to no length even, says nothing against a long one.
     next_length = jnp.where(
         trial.is_end, jnp.maximum(next_length, progress.next_length), next_length
     )

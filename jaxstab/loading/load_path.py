@@ -24,7 +24,7 @@ DISTURBANCE = 1e-6
 # an overdamped relaxation.
 _MAX_MOVE = 0.1
 _MAX_MOVE_IN_JUMP = 0.03
-# A monotone part of the load path takes so many steps at least.
+# A leg of the load path takes so many steps at least.
 _NUM_STEPS = 32
 
 

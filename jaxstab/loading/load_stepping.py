@@ -18,13 +18,12 @@ from jaxstab.equilibrium import Equilibrium
 from jaxstab.loading.jump_detection import (
     Bisection,
     Progress,
-    Step,
     TrialStep,
     apply_step,
     next_step,
 )
 from jaxstab.loading.load_path import LoadPath, Start
-from jaxstab.loading.record import Record
+from jaxstab.loading.record import Event, Record
 from jaxstab.loads import Load
 
 
@@ -52,8 +51,7 @@ def step_to_end(
         empty: returns empty records for records like one.
     """
     first = _first_start(load_path, start).equilibrium(load_path.contact)
-    progress, trial, none = _first_state(load_path, first)
-    record = none.record(progress, progress)
+    progress, trial, record = _first_state(load_path, first)
     records = empty(record).append(record)
 
     def goes_on(state: tuple[Progress, TrialStep, Records]) -> Flag:
@@ -63,8 +61,7 @@ def step_to_end(
     def step(state: tuple[Progress, TrialStep, Records]) -> tuple[Progress, TrialStep, Records]:
         progress, trial, records = state
         found = trial.start.equilibrium(load_path.contact)
-        after, next_trial, taken = _judged(load_path, progress, trial, found)
-        record = taken.record(progress, after)
+        after, next_trial, record = _judged(load_path, progress, trial, found)
         advance_to(lambda: int(100 * fraction_done(load_path.load, record)))
         return after, next_trial, records.append(record)
 
@@ -75,10 +72,10 @@ def step_to_end(
 @program
 def _judged(
     load_path: LoadPath, progress: Progress, trial: TrialStep, found: Equilibrium
-) -> tuple[Progress, TrialStep, Step]:
-    """Return the progress after a step, the next one to try, and the step."""
-    after, taken = apply_step(load_path, progress, trial, found)
-    return after, next_step(load_path, after), taken
+) -> tuple[Progress, TrialStep, Record]:
+    """Return the progress after a step, the next one to try, and the record of the step."""
+    after, record = apply_step(load_path, progress, trial, found)
+    return after, next_step(load_path, after), record
 
 
 @program
@@ -88,8 +85,8 @@ def _first_start(load_path: LoadPath, start: Field) -> Start:
 
 
 @program
-def _first_state(load_path: LoadPath, found: Equilibrium) -> tuple[Progress, TrialStep, Step]:
-    """Return the progress at the first turning point, the first step to try, and none before."""
+def _first_state(load_path: LoadPath, found: Equilibrium) -> tuple[Progress, TrialStep, Record]:
+    """Return the progress at the first turning point, the first step to try, and its record."""
     turns = load_path.load.value
     none = jnp.array(0)
     here = point_of(load_path.contact, found, turns[0])
@@ -109,17 +106,28 @@ def _first_state(load_path: LoadPath, found: Equilibrium) -> tuple[Progress, Tri
         last=here,
         next_length=load_path.max_step / 8,
         bisection=Bisection(zero + jnp.inf, zero, load_path.resolution),
-        part=none,
+        leg=none,
         is_apart=no,
         last_state=none,
         result=result,
     )
-    return progress, next_step(load_path, progress), Step(zero, zero, yes, no, no, no)
+    nothing = Event(
+        before=here,
+        after=here,
+        ahead=zero,
+        dissipation=zero,
+        state=none,
+        is_jump=no,
+        is_pulled=no,
+        is_touch=no,
+    )
+    record = Record(here, yes, nothing, no, none, result)
+    return progress, next_step(load_path, progress), record
 
 
 def fraction_done(load: Load, record: Record) -> float:
     """Return the fraction of the load path that is done, outside of a trace."""
-    turns, part, here = (concrete(x) for x in (load.value, record.part, record.point.value))
+    turns, leg, here = (concrete(x) for x in (load.value, record.leg, record.point.value))
     lengths = np.abs(np.diff(turns))
-    done = lengths[:part].sum() + abs(here - turns[part])
+    done = lengths[:leg].sum() + abs(here - turns[leg])
     return float(done / lengths.sum())

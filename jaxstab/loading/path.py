@@ -106,8 +106,8 @@ class Path(StateSequence):
         The retraction is what the load rises through at the end of the path. If all of it is under
         tension, it counts from its first state. NaN for a path that ends approaching or in contact,
         or at a tension above 5 % of the largest, as detachment lies beyond it; and for a load that
-        is a pressure, which works without end once it has pulled the surfaces apart. On a window
-        the area is that of the window.
+        is a pressure, which works without end once it has pulled the surfaces apart. The area is
+        the surface's.
         """
         if self.load.unit != LENGTH:
             return jax.device_put(np.full(self.work.shape, np.nan, self.work.dtype))

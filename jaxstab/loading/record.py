@@ -87,7 +87,7 @@ class Record(eqx.Module):
         is_state: whether it is a new one, of surfaces that are not apart.
         event: the jump or the touch.
         is_event: whether there is one.
-        part: the number of the monotone part of the load path.
+        leg: the number of the leg of the load path.
         result: how load stepping went so far.
     """
 
@@ -95,7 +95,7 @@ class Record(eqx.Module):
     is_state: Flag
     event: Event
     is_event: Flag
-    part: Int[Array, ""]
+    leg: Int[Array, ""]
     result: RESULTS
 
 

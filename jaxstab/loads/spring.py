@@ -119,8 +119,8 @@ class Spring(Load):
     """A machine in series: p0 = k (far - position), a spring of stiffness k behind the solid.
 
     The displacement `far` of the far side is mean(u) for a half space. For a solid with a uniform
-    stiffness k_s, such as a layer or a window, it is mean(u) - p0 / k_s; then p0 = k_e (mean(u) -
-    position) with 1 / k_e = 1 / k + 1 / k_s.
+    stiffness k_s, such as a layer or a `FreeHalfSpace`, it is mean(u) - p0 / k_s; then p0 = k_e
+    (mean(u) - position) with 1 / k_e = 1 / k + 1 / k_s.
 
     The limit of a large stiffness is `MeanDisplacement`, or `FarDisplacement` for a solid with a
     far side. The limit of a small one is `MeanPressure`, with a position of -p0 / k. Use the limit

@@ -10,7 +10,8 @@ from jaxstab.surfaces.statistics import PowerSpectrum
 
 # Rings below this fraction of the largest density hold rounding and no waves.
 _NOTHING = 1e-20
-# The leakage of a window below the first wave and beyond a cut-off is less than this fraction.
+# The spectral leakage of a taper, below the first wave and beyond a cut-off, is less than this
+# fraction.
 _LEAKAGE = 0.1
 # The systematic deviation of a ring's logarithm from the law, beside its statistical error.
 _OFF_THE_LAW = 0.1
@@ -38,7 +39,7 @@ class PowerLaw:
             ring with waves.
         cutoff: the last ring that holds waves of the power law [1/length].
         density: C, the density at the roll-off [length^4 on a surface, length^3 on a line].
-        hurst_error: standard error of H, by chance and by the scatter about the law. A window
+        hurst_error: standard error of H, by chance and by the scatter about the law. A taper
             blurs the spectrum, which moves H by up to 0.03 more.
         density_error: standard error of C, in the unit of the density.
     """
@@ -54,7 +55,7 @@ class PowerLaw:
 def power_law(spectrum: PowerSpectrum) -> PowerLaw:
     """Fit C up to q_r and C (q / q_r)^-(d + 2 H) from there to a cut-off to a spectrum.
 
-    Beyond the cut-off the spectrum may be anything, for instance the leakage of a window. Roll-off
+    Beyond the cut-off the spectrum may be anything, for instance the leakage of a taper. Roll-off
     and cut-off are the ends of the band that agrees best with the law, by least squares of the
     logarithm. H and C then follow by maximum likelihood from the rings between them: on a Gaussian
     surface each wave is exponentially distributed about the spectrum (Whittle, 1953). Noise of the

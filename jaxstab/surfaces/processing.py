@@ -84,13 +84,13 @@ def _derivatives(shape: tuple[int, ...], spacing: Sequence[float], order: int) -
 
 
 def taper(shape: tuple[int, ...], share: float) -> np.ndarray:
-    """Return a window that rises as a cosine over a fraction of each side at the edges."""
-    window = np.ones(())
+    """Return a factor that rises as a cosine over a fraction of each side at the edges (Tukey)."""
+    factor = np.ones(())
     for n in shape:
         place = (np.arange(n) + 0.5) / n
         nearness = np.minimum(np.minimum(place, 1 - place) / share, 1)
-        window = np.multiply.outer(window, (1 - np.cos(np.pi * nearness)) / 2)
-    return window
+        factor = np.multiply.outer(factor, (1 - np.cos(np.pi * nearness)) / 2)
+    return factor
 
 
 def area_average(heights: Heights, shape: tuple[int, ...]) -> Heights:

@@ -7,7 +7,7 @@ import pytest
 
 import jaxstab as js
 from jaxstab.branches.branch_steps import pressure_of
-from jaxstab.branches.corrector import Correction, correct, direction_at, on_plane
+from jaxstab.branches.corrector import Correction, Undirected, correct, directed, on_plane
 from jaxstab.branches.curve import Curve, Point
 from jaxstab.core.accuracy import EXACT
 from jaxstab.equilibrium.posing import posed
@@ -32,7 +32,7 @@ def test_it_meets_a_tension_that_there_is_and_soon_gives_up_one_that_there_is_no
 
     nothing = jax.tree.map(jnp.zeros_like, at)
     here = on_plane(row, row.times(at), unit)
-    tangent = direction_at(curve, here, at, at.gap > 0, row, nothing)
+    tangent = directed(curve, Undirected(at, at.gap > 0, here, row), nothing).tangent
     nearer = found_at(1.05 * row.times(at))
     assert nearer.is_found
     net = curve.forces(nearer.place.at, at.gap > 0).net

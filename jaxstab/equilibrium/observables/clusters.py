@@ -1,7 +1,7 @@
 """Clusters: connected points of a mask, also over the edges of a periodic cell.
 
 Points are joined within the cell first, by SciPy. The parts are then joined over the edges by
-breadth-first search, which counts the cells that a way has crossed: two ways to one part that
+breadth-first search, which counts the cells that a path has crossed: two paths to one part that
 differ in this number go around the cell.
 """
 
@@ -84,11 +84,11 @@ def _joined(
     number: int, joins: list[_Join], num_sides: int
 ) -> tuple[Int[np.ndarray, " parts"], Bool[np.ndarray, "clusters sides"]]:
     """Return the cluster of each part, from 1 on, and where the clusters span the cell."""
-    ways = defaultdict(list)
+    adjacent = defaultdict(list)
     for one, other, cells in joins:
         step = np.array(cells)
-        ways[one].append((other, step))
-        ways[other].append((one, -step))
+        adjacent[one].append((other, step))
+        adjacent[other].append((one, -step))
     whole = np.zeros(number, int)
     place = np.zeros((number, num_sides), int)
     spans = []
@@ -100,7 +100,7 @@ def _joined(
         waiting = deque([start])
         while waiting:
             part = waiting.popleft()
-            for other, step in ways[part]:
+            for other, step in adjacent[part]:
                 reached = place[part] + step
                 if not whole[other]:
                     whole[other] = whole[part]

@@ -49,7 +49,7 @@ class Flow:
 def conducting(
     conductivity: _Field, is_open: Bool[np.ndarray, " *grid"]
 ) -> tuple[_Faces, Bool[np.ndarray, " sides"]]:
-    """Return the conductance of each face on a way around the cell, and the sides of such ways.
+    """Return the conductance of each face on a percolating path, and the sides along which one is.
 
     A face conducts the harmonic mean of its two cells.
     """
@@ -176,14 +176,13 @@ def _solver(links: _Faces, solver: Solver | None) -> tuple[_Solve, Bool[np.ndarr
     cells = np.arange(np.prod(shape)).reshape(shape)
     ends = [(cells.ravel(), np.roll(cells, -1, side).ravel()) for side in range(len(links))]
     one, other = (np.concatenate(x) for x in zip(*ends, strict=True))
-    link = links.reshape(-1)
-    one = one[link > 0]
-    other = other[link > 0]
-    link = link[link > 0]
-    ways = (np.append(one, other), np.append(other, one))
-    total = np.bincount(ways[0], np.append(link, link), cells.size)
+    is_open = links.ravel() > 0
+    rows = np.append(one[is_open], other[is_open])
+    columns = np.append(other[is_open], one[is_open])
+    conductances = np.tile(links.ravel()[is_open], 2)
+    total = np.bincount(rows, conductances, cells.size)
     kept = np.flatnonzero(total)
-    joined: Any = coo_array((np.append(link, link), ways), (cells.size, cells.size)).tocsr()
+    joined: Any = coo_array((conductances, (rows, columns)), (cells.size, cells.size)).tocsr()
     joined = joined[kept][:, kept]
     # Each part is at rest in one cell, since only differences count.
     first = np.unique(connected_components(joined, directed=False)[1], return_index=True)[1]

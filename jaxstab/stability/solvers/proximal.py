@@ -96,7 +96,7 @@ class ProximalIteration(ConeSolver):
         y = state.y
         z = state.z
         new = x - tau * operator(x) - tau * sigma * (y + z)  # (34)
-        # On a cone of fewer points (a critical cone, a window) the others stay zero.
+        # Points that a cone holds stay zero.
         new = jnp.where(cone.is_moving, new, 0)
         new /= jnp.sqrt(total(new**2))  # (35)
         moved = 2 * new - x
