@@ -136,7 +136,7 @@ def follow(
     constants = jax.lax.stop_gradient((*inputs, *others))
     with own_conventions(), progress_bar(100, "%", shown=progress, inputs=constants):
         known, turning_points, start, least, noise = constants
-        load_path = load_path_of(known, turning_points, least, noise, share, finds_all=True)
+        load_path = load_path_of(known, turning_points, least, noise, share=share, finds_all=True)
         if is_traced((load_path, start)):
             path = path_with_room(room, load_path, start)
         else:

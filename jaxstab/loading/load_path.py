@@ -116,6 +116,7 @@ def load_path_of(
     load: Load,
     smallest_jump: ArrayLike,
     disturbance: ArrayLike,
+    *,
     share: ArrayLike = 0.0,
     resolution: ArrayLike = 1e-6,
     finds_all: bool = False,
