@@ -28,8 +28,10 @@ def start() -> None:
 
 def main(arguments: list[str] | None = None, *, with_cache: bool = False) -> None:
     """Run the command that the arguments name, `run` if they name none."""
+    if arguments is None:
+        arguments = sys.argv[1:]
     # Nothing heavy is imported before, so that a mistake is answered at once.
-    name, options = read(sys.argv[1:] if arguments is None else arguments)
+    name, options = read(arguments)
     if with_cache:
         import_module("jaxstab.cli.compilation_cache").use_compilation_cache()
     import_module("matplotlib").use("Agg")

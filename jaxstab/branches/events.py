@@ -22,7 +22,7 @@ from jaxstab.branches.curve import Curve, Place, Point
 from jaxstab.core.accuracy import EQUILIBRIUM, EXACT, NEGLIGIBLE
 from jaxstab.core.checks import array
 from jaxstab.core.compile import program
-from jaxstab.core.control_flow import cond, first_good, while_loop
+from jaxstab.core.control_flow import choose, cond, first_good, while_loop
 from jaxstab.core.types import Field, Flag, Mask, Scalar
 
 _MAX_SECANTS = 40
@@ -128,11 +128,13 @@ class _SmoothStep(eqx.Module):
     steepest: Scalar
 
 
-class _Secants(eqx.Module):
-    """The secant method for a zero of the rate of the load.
+class _Bracket(eqx.Module):
+    """Two places between which the load turns.
 
     Attributes:
-        distances: of the two places between which it lies [length].
+        low: the first.
+        high: the second.
+        distances: of both along the step [length].
         rates: of the load there; of a place that stays a second time half of it counts.
         is_low: whether the last place that was found is the first of the two.
         count: how many were found.
@@ -140,6 +142,8 @@ class _Secants(eqx.Module):
         is_flat: whether the rate at the last vanishes.
     """
 
+    low: Place
+    high: Place
     distances: Array
     rates: Array
     is_low: Flag
@@ -147,13 +151,12 @@ class _Secants(eqx.Module):
     is_open: Flag
     is_flat: Flag
 
-
-class _Bracket(eqx.Module):
-    """Two places between which the load turns, and the method by which they come closer."""
-
-    low: Place
-    high: Place
-    secants: _Secants
+    @property
+    def secant(self) -> Scalar:
+        """The distance at which the line between both rates vanishes."""
+        low, high = self.distances
+        slow, fast = self.rates
+        return low - slow * (high - low) / (fast - slow)
 
 
 def fold_between(curve: Curve, old: Place, new: Place) -> tuple[Place, Flag]:
@@ -167,7 +170,7 @@ def fold_between(curve: Curve, old: Place, new: Place) -> tuple[Place, Flag]:
     4. Repeat from 1 until the rate vanishes, or both places are close to each other.
     """
     dtype = old.at.gap.dtype.name
-    step, secants = _begun(curve, old, new)
+    step, begun = _begun(curve, old, new)
 
     def narrow(bracket: _Bracket) -> _Bracket:
         condition, start, direction = _on_cubic(step, old, bracket)
@@ -175,34 +178,21 @@ def fold_between(curve: Curve, old: Place, new: Place) -> tuple[Place, Flag]:
         found = correct(
             correction, start, step.row, direction, EXACT[dtype], EQUILIBRIUM[dtype]
         ).place
-        secants = _narrowed(curve, step, bracket.secants, found.tangent)
-        low = cond(secants.is_low, lambda: found, lambda: bracket.low)
-        high = cond(secants.is_low, lambda: bracket.high, lambda: found)
-        return _Bracket(low, high, secants)
+        return _narrowed(curve, step, bracket, found)
 
-    bracket = while_loop(
-        lambda bracket: bracket.secants.is_open, narrow, _Bracket(old, new, secants)
-    )
-    is_low = bracket.secants.is_low
-    return cond(is_low, lambda: bracket.low, lambda: bracket.high), bracket.secants.is_flat
+    bracket = while_loop(lambda bracket: bracket.is_open, narrow, begun)
+    return cond(bracket.is_low, lambda: bracket.low, lambda: bracket.high), bracket.is_flat
 
 
 @program
-def _begun(curve: Curve, old: Place, new: Place) -> tuple[_SmoothStep, _Secants]:
+def _begun(curve: Curve, old: Place, new: Place) -> tuple[_SmoothStep, _Bracket]:
     row = curve.gradient_of(old.tangent)
     length = row.times(new.at.minus(old.at))
     distances = jnp.stack([jnp.zeros_like(length), length])
     rates = jnp.stack([curve.rate(old.tangent), curve.rate(new.tangent)])
     yes = jnp.array(True)
     step = _SmoothStep(row, length, rates[0], jnp.max(jnp.abs(rates)))
-    return step, _Secants(distances, rates, yes, jnp.zeros((), int), yes, yes)
-
-
-def _secant(secants: _Secants) -> Scalar:
-    """Return the distance at which the line between both rates vanishes."""
-    low, high = secants.distances
-    slow, fast = secants.rates
-    return low - slow * (high - low) / (fast - slow)
+    return step, _Bracket(old, new, distances, rates, yes, jnp.zeros((), int), yes, yes)
 
 
 @program
@@ -213,8 +203,8 @@ def _on_cubic(step: _SmoothStep, old: Place, bracket: _Bracket) -> tuple[Conditi
     s b), where c is the change from one end to the other, and a and b those along both tangents
     less c.
     """
-    distance = _secant(bracket.secants)
-    low, high = bracket.secants.distances
+    distance = bracket.secant
+    low, high = bracket.distances
     part = (distance - low) / (high - low)
     rest = 1 - part
     row = step.row
@@ -235,21 +225,23 @@ def _on_cubic(step: _SmoothStep, old: Place, bracket: _Bracket) -> tuple[Conditi
 
 
 @program
-def _narrowed(curve: Curve, step: _SmoothStep, secants: _Secants, tangent: Point) -> _Secants:
-    """Return the method after it has found a place with this tangent."""
-    low, high = secants.distances
-    slow, fast = secants.rates
-    distance = _secant(secants)
-    rate = curve.rate(tangent)
+def _narrowed(curve: Curve, step: _SmoothStep, bracket: _Bracket, found: Place) -> _Bracket:
+    """Return the bracket of which the place found is one end."""
+    low, high = bracket.distances
+    slow, fast = bracket.rates
+    distance = bracket.secant
+    rate = curve.rate(found.tangent)
     is_low = rate * step.rate > 0
-    stays = jnp.where((secants.count > 0) & (is_low == secants.is_low), 0.5, 1)
+    stays = jnp.where((bracket.count > 0) & (is_low == bracket.is_low), 0.5, 1)
     distances = jnp.where(is_low, jnp.stack([distance, high]), jnp.stack([low, distance]))
     rates = jnp.where(is_low, jnp.stack([rate, stays * fast]), jnp.stack([stays * slow, rate]))
-    count = secants.count + 1
+    count = bracket.count + 1
     narrow_enough = EQUILIBRIUM[rate.dtype.name]
     is_wide = distances[1] - distances[0] > narrow_enough * jnp.abs(step.length)
     is_steep = jnp.abs(rate) > narrow_enough * step.steepest
-    return _Secants(
+    return _Bracket(
+        low=choose(is_low, found, bracket.low),
+        high=choose(is_low, bracket.high, found),
         distances=distances,
         rates=rates,
         is_low=is_low,

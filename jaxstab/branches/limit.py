@@ -232,10 +232,12 @@ def _horizon(load: Load, gap: Field, ahead: Scalar) -> Scalar:
     return jnp.sign(ahead) * jnp.maximum(jnp.abs(ahead), tolerance * size)
 
 
-class _Bracketing(eqx.Module):
-    """How closely a bifurcation is bracketed.
+class _LimitSearch(eqx.Module):
+    """A branch before and after its last step, and how closely a bifurcation is bracketed.
 
     Attributes:
+        before: the branch before.
+        after: the branch after it.
         is_past: whether the last step has led past the limit.
         width: how far behind the last stable state a bifurcation lies at most [length]; infinite
             before one was passed.
@@ -244,19 +246,13 @@ class _Bracketing(eqx.Module):
         is_open: whether the limit lies ahead, or is to be bracketed more closely.
     """
 
+    before: BranchState
+    after: BranchState
     is_past: Flag
     width: Scalar
     length: Scalar
     count: Int[Array, ""]
     is_open: Flag
-
-
-class _LimitSearch(eqx.Module):
-    """A branch before and after its last step, and how closely a bifurcation is bracketed."""
-
-    before: BranchState
-    after: BranchState
-    bracket: _Bracketing
 
 
 def limit_of(problem: ContinuationProblem, branch: BranchState) -> Limit:
@@ -271,7 +267,9 @@ def limit_of(problem: ContinuationProblem, branch: BranchState) -> Limit:
        point whether it is a limit, and of which kind.
     """
     dtype = problem.max_step.dtype
-    first = _Bracketing(
+    first = _LimitSearch(
+        before=branch,
+        after=branch,
         is_past=array(False),
         width=array(jnp.inf, dtype),
         length=branch.step.length,
@@ -280,35 +278,34 @@ def limit_of(problem: ContinuationProblem, branch: BranchState) -> Limit:
     )
 
     def step(search: _LimitSearch) -> _LimitSearch:
-        bracket = search.bracket
-        old = cond(bracket.is_past, lambda: search.before, lambda: search.after)
-        old = replace(old, step=replace(old.step, length=bracket.length))
-        new = next_state(problem, old)
-        return _LimitSearch(old, new, _narrowed(problem, bracket, old, new))
+        old = cond(search.is_past, lambda: search.before, lambda: search.after)
+        old = replace(old, step=replace(old.step, length=search.length))
+        return _narrowed(problem, search, old, next_state(problem, old))
 
-    search = _LimitSearch(branch, branch, first)
-    search = while_loop(lambda search: search.bracket.is_open, step, search)
+    search = while_loop(lambda search: search.is_open, step, first)
     seen = _seen(problem, search)
     modes = search.after.step.modes
     contact = problem.curve.contact
-    pair = lowest_pair(contact, seen.load, seen.gap, seen.opened, modes, EQUILIBRIUM[dtype.name])
+    pair = lowest_pair(contact, seen.load, seen.at.gap, seen.opened, modes, EQUILIBRIUM[dtype.name])
     return _limit(problem, branch.result, search, seen, pair)
 
 
 @program
 def _narrowed(
-    problem: ContinuationProblem, bracket: _Bracketing, old: BranchState, new: BranchState
-) -> _Bracketing:
-    """Return the bracket after a step from an old to a new state."""
+    problem: ContinuationProblem, search: _LimitSearch, old: BranchState, new: BranchState
+) -> _LimitSearch:
+    """Return the search after a step from an old to a new state."""
     taken = problem.curve.length(new.step.here.at.minus(old.step.here.at))
     is_unstable = (old.step.index == 0) & (new.step.index > 0)
     is_past = new.step.is_new & (new.step.turn.is_there | is_unstable)
-    width = jnp.where(is_past, taken, bracket.width - taken)
-    width = jnp.where(new.step.is_new, width, bracket.width)
-    count = bracket.count + 1
+    width = jnp.where(is_past, taken, search.width - taken)
+    width = jnp.where(new.step.is_new, width, search.width)
+    count = search.count + 1
     next_length = jnp.where(is_past, old.step.length, new.step.length)
     is_wide = (width > _closest(problem)) & ~(is_past & new.step.turn.is_there)
-    return _Bracketing(
+    return _LimitSearch(
+        before=old,
+        after=new,
         is_past=is_past,
         width=width,
         length=jnp.minimum(next_length, width / 2),
@@ -326,9 +323,8 @@ class _Seen(eqx.Module):
     """The limit between two states of a branch, but for its mode.
 
     Attributes:
-        at: the point of the curve.
+        at: the point of the curve, of a gap that is not negative.
         load: the load there.
-        gap: the gap there, not negative.
         is_free: the points that are free before and after.
         is_release: whether it is a release; from the far side that is a touch.
         point: the point that is released, if there is one.
@@ -338,7 +334,6 @@ class _Seen(eqx.Module):
 
     at: Point
     load: Load
-    gap: Field
     is_free: Mask
     is_release: Flag
     point: Mask
@@ -363,7 +358,6 @@ def _seen(problem: ContinuationProblem, search: _LimitSearch) -> _Seen:
     return _Seen(
         at=at,
         load=curve.load.at(curve.value(at)),
-        gap=gap,
         is_free=is_free,
         is_release=is_release,
         point=released & first,
@@ -388,7 +382,7 @@ def _limit(
     """
     curve = problem.curve
     contact = curve.contact
-    dtype = seen.gap.dtype.name
+    dtype = seen.at.gap.dtype.name
     new = search.after.step
     is_release = seen.is_release
     condition = at_change(curve, seen.point, jnp.array(True), problem.max_step)
@@ -407,8 +401,8 @@ def _limit(
     kind = KINDS.where(crosses, KINDS.bifurcation, kind)
     kind = KINDS.where(is_event, kind, KINDS.uncertain)
     # Between two states as near as steps can tell, a bifurcation is known by its eigenvalue.
-    is_between = jnp.isfinite(search.bracket.width) & (kind != KINDS.uncertain)
-    is_found = search.bracket.is_past | (search.bracket.width <= _closest(problem)) | is_between
+    is_between = jnp.isfinite(search.width) & (kind != KINDS.uncertain)
+    is_found = search.is_past | (search.width <= _closest(problem)) | is_between
     ended = search.after.end
     is_unclear = (ended == KINDS.uncertain) | (ended == KINDS.lost) | search.after.is_on
     failure = RESULTS.where(is_unclear, RESULTS.lost_branch, RESULTS.no_fold)
@@ -416,13 +410,13 @@ def _limit(
     result = RESULTS.where(jnp.isfinite(residual), RESULTS.successful, RESULTS.nonfinite)
     return Limit(
         load=seen.load,
-        gap=seen.gap,
+        gap=seen.at.gap,
         kind=kind,
         point=seen.point,
         is_tied=seen.is_tied,
         critical=pair,
         residual=residual,
-        num_steps=search.bracket.count,
+        num_steps=search.count,
         result=RESULTS.where(is_found, result, failure),
     )
 

@@ -137,17 +137,19 @@ def to_dataset(contact: Contact, result: Result, *, fields: bool = True) -> "xar
     require_known((contact, result), "to_dataset")
     _require_own(contact, states)
     recorder = Recorder(contact.grid.shape)
-    structure = {
+    structure: Structure = {
         "contact": recorder.structure(contact, ("contact",)),
         "result": recorder.structure(alone, (), *axes),
     }
     records = recorder.records
     if not fields:
+        # Without the fields of a result it cannot be built again.
+        structure = None
         long = {"x", "y", "record"}
         records = {name: x for name, x in records.items() if not long & set(x.dims)}
     dataset = xarray.Dataset(
         {name: _variable(record, contact, load) for name, record in records.items()},
-        attrs=_attributes(contact, result, load, structure if fields else None),
+        attrs=_attributes(contact, result, load, structure),
     )
     return dataset.assign_coords(_coordinates(contact, recorder.indicators, dataset)).assign(
         law_variables(contact)

@@ -185,11 +185,13 @@ def _encoding(dataset: "xarray.Dataset") -> dict[Hashable, dict[str, object]]:
     # Numbers as they are: no value stands for a missing one.
     plain: dict[str, object] = {"_FillValue": None}
     packed = {**plain, "fletcher32": True, "zlib": True, "complevel": 1, "shuffle": True}
-    return {
-        name: packed if array.size > _LARGE else plain
-        for name, array in dataset.variables.items()
-        if array.dtype.kind in "fiub"
-    }
+    encoding: dict[Hashable, dict[str, object]] = {}
+    for name, array in dataset.variables.items():
+        if array.dtype.kind in "fiub":
+            encoding[name] = plain
+            if array.size > _LARGE:
+                encoding[name] = packed
+    return encoding
 
 
 @contextmanager

@@ -152,13 +152,17 @@ def next_step(load_path: LoadPath, progress: Progress) -> TrialStep:
     is_end = left <= length + load_path.resolution
     length = jnp.where(is_end, left, length)
     # The last step to a load that failed is a jump, if it fails again.
-    is_near = (length if load_path.finds_all else bisection.distance) <= bisection.nearness
-    is_final = bisection.is_on & is_near
+    distance = bisection.distance
+    if load_path.finds_all:
+        distance = length
+    is_final = bisection.is_on & (distance <= bisection.nearness)
     change = jnp.sign(target - here.value) * length
     value = jnp.where(is_end, target, here.value + change)
     rate = (here.gap - progress.last.gap) / _nonzero(here.value - progress.last.value)
     # At the end of a branch the energy is lowered from its last state.
-    stays = is_final if load_path.finds_all else bisection.is_on
+    stays = bisection.is_on
+    if load_path.finds_all:
+        stays = is_final
     gap = here.gap + jnp.where(stays, 0, change * rate)
     gap = jnp.where(progress.is_apart, load_path.apart(), gap)
     moves = here.value != progress.last.value

@@ -6,7 +6,6 @@ from functools import partial
 from operator import itemgetter
 from typing import Annotated, NamedTuple
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -254,12 +253,8 @@ def _barriers(gaps: Gaps, contact: Contact, load: Load) -> Barriers:
     return tuple(top - end for end in ends)
 
 
-class _Climb(eqx.Module):
-    """A string around the pass, the saddle found from it, and how often it was drawn anew."""
-
-    string: String
-    saddle: Saddle
-    count: Array
+# A string around the pass, the saddle found from it, and how often it was drawn anew.
+_Zooming = tuple[String, Saddle, Array]
 
 
 @partial(program, static_argnums=0)
@@ -274,19 +269,23 @@ def _find(number: int, contact: Contact, load: Load, first: Field, last: Field) 
     are_found = (start.result == RESULTS.successful) & (end.result == RESULTS.successful)
     landscape = Landscape(contact, contact.control(load))
     string = StringMethod().run(landscape, landscape.through((start.gap, end.gap), number)).state
-    climb = _Climb(string, no_saddle(string.summit), jnp.array(0))
-    climb = jax.lax.while_loop(
-        lambda climb: ~climb.saddle.is_found & (climb.count <= _MAX_ZOOMS) & are_found,
-        partial(_climbed, landscape, load, (start, end)),
-        climb,
+
+    def goes_on(state: _Zooming) -> Flag:
+        _, saddle, count = state
+        return ~saddle.is_found & (count <= _MAX_ZOOMS) & are_found
+
+    _, summit, _ = jax.lax.while_loop(
+        goes_on,
+        partial(_zoomed, landscape, load, (start, end)),
+        (string, no_saddle(string.summit), jnp.array(0)),
     )
     close = NEGLIGIBLE[start.gap.dtype.name]
     is_one = total((start.gap - end.gap) ** 2) <= close**2 * total(start.gap**2)
-    result = RESULTS.where(climb.saddle.is_found, RESULTS.successful, RESULTS.no_pass)
+    result = RESULTS.where(summit.is_found, RESULTS.successful, RESULTS.no_pass)
     result = RESULTS.where(is_one, RESULTS.same_state, result)
     result = RESULTS.where(end.result == RESULTS.successful, result, end.result)
     result = RESULTS.where(start.result == RESULTS.successful, result, start.result)
-    saddle = state_at(contact, load, jnp.where(climb.saddle.is_found, climb.saddle.gap, jnp.nan))
+    saddle = state_at(contact, load, jnp.where(summit.is_found, summit.gap, jnp.nan))
     there, back = _barriers((saddle.gap, start.gap, end.gap), contact, load)
     is_found = result == RESULTS.successful
     return Transition(
@@ -295,27 +294,26 @@ def _find(number: int, contact: Contact, load: Load, first: Field, last: Field) 
         start,
         end,
         replace(saddle, result=result),
-        climb.saddle.mode,
-        minima_beside(contact, load, climb.saddle, start.gap),
+        summit.mode,
+        minima_beside(contact, load, summit, start.gap),
         string.images,
         string.energies - string.energies[0],
         result,
     )
 
 
-def _climbed(
-    landscape: Landscape, load: Load, ends: tuple[Equilibrium, Equilibrium], climb: _Climb
-) -> _Climb:
-    """Return the saddle near to the summit of a string, and the string drawn anew around it."""
-    string = climb.string
+def _zoomed(
+    landscape: Landscape, load: Load, ends: tuple[Equilibrium, Equilibrium], state: _Zooming
+) -> _Zooming:
+    """Return the string drawn anew around its summit, unless a saddle is found near to that."""
+    string, _, count = state
     lowest = jnp.maximum(*(landscape.energy(end.gap) for end in ends))
     saddle = saddle_near(landscape.contact, load, string.summit, lowest)
-    zoomed = partial(_zoomed, landscape, string)
-    further = jax.lax.cond(saddle.is_found, lambda: string, zoomed)
-    return _Climb(further, saddle, climb.count + 1)
+    around = partial(_around_summit, landscape, string)
+    return jax.lax.cond(saddle.is_found, lambda: string, around), saddle, count + 1
 
 
-def _zoomed(landscape: Landscape, string: String) -> String:
+def _around_summit(landscape: Landscape, string: String) -> String:
     """Return a string between the neighbours of the highest image, relaxed."""
     corners = [string.images[string.highest + k] for k in (-1, 0, 1)]
     start = landscape.through(corners, len(string.images))
