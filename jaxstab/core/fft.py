@@ -2,8 +2,8 @@
 
 Each device transforms its rows of the field, exchanges them for columns of the spectrum by one
 `all_to_all`, and transforms these. No device holds a whole field. The half spectrum has its axes
-swapped, so that it is sharded along its first axis as fields are. It is padded to a multiple of the
-number of devices.
+swapped, so that it is sharded along its first axis as fields are. Modes of multiplicity zero fill
+it up to a multiple of the number of devices.
 """
 
 from collections.abc import Callable
@@ -46,7 +46,7 @@ def inverse_transform(
 
 
 def num_waves(num_points: int, sharding: NamedSharding | None) -> int:
-    """Return the number of modes along the last side of a half spectrum, padding included."""
+    """Return the number of modes along the last side of a half spectrum, with those that fill it up."""
     num_modes = num_points // 2 + 1
     if sharding is None:
         return num_modes

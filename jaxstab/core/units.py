@@ -162,7 +162,7 @@ class Dimensioned(Comparable):
         )
 
     def on_surface(self, solid: _HasSurface) -> Self:
-        """Restrict the fields to the part of a padded grid where the surface is."""
+        """Restrict the fields to the part of the grid where the surface is."""
         names = on_grid(type(self))
         return self._changed(names, lambda _, x: solid.surface(x), lambda x: x.on_surface(solid))
 
