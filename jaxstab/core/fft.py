@@ -46,7 +46,7 @@ def inverse_transform(
 
 
 def num_waves(num_points: int, sharding: NamedSharding | None) -> int:
-    """Return the number of modes along the last side of a half spectrum, those of no wave included."""
+    """Return the number of modes along the last side of a half spectrum, with repeated ones."""
     num_modes = num_points // 2 + 1
     if sharding is None:
         return num_modes
