@@ -35,6 +35,7 @@ from jaxstab.equilibrium import Equilibrium, PreconditionedConjugateGradient
 from jaxstab.equilibrium.equilibrate import find
 from jaxstab.equilibrium.equilibrium import State, fields_of
 from jaxstab.equilibrium.posing import finished, posed
+from jaxstab.equilibrium.solvers.conjugate_gradients import MAX_MOVE_IN_JUMP
 from jaxstab.equilibrium.start import initial_of_path, start_of
 from jaxstab.loads import Load
 
@@ -44,14 +45,11 @@ Starts = list[Field]
 _NUM_SEARCHES = 2
 # Releases that lose a smaller part of the problem's characteristic energy do not end a branch: so
 # little is known in float32. The next one is sought so far beyond, over the distance between the
-# loads, by steps of the solver that are no longer.
+# loads.
 _SMALLEST_LOSS = 1e-5
 _BEYOND = 1e-6
-_MAX_MOVE = 0.03
-# So far beyond where the curve could not be followed: the same branch, if nothing is lost.
-_OVER = 1e-3
-# A branch that is lost within so many of these distances behind a release has not left it, and is
-# sought so many times farther beyond.
+# A branch that is lost is sought so many times farther beyond. If that was within so many of these
+# distances behind a release, it has not left it.
 _FARTHER = 10.0
 
 
@@ -282,16 +280,15 @@ def _continued(
     # Never back, so that the search has an end.
     reached = jnp.where(is_stuck, old.load.value, limit.load.value)
     reached = jnp.where((reached - value) * (last - first) > 0, reached, value)
-    over = _OVER * (last - first)
-    is_short = jnp.abs(_FARTHER * search.step) < jnp.abs(over)
-    farther = jnp.where(is_stuck & is_short, _FARTHER * search.step, over)
-    step = jnp.where(is_lost, farther, _just_beyond(loads).astype(farther.dtype))
+    # From beyond where a curve could not be followed it is the same branch, if nothing is lost.
+    just_beyond = _just_beyond(loads).astype(search.step.dtype)
+    step = jnp.where(is_lost, _FARTHER * search.step, just_beyond)
     value = reached + step
     return _Search(
         limit=choose(is_stuck, old, limit),
         loads=loads.at(jnp.stack([value, last])),
         step=step,
-        max_move=jnp.full_like(search.max_move, _MAX_MOVE),
+        max_move=jnp.full_like(search.max_move, MAX_MOVE_IN_JUMP),
         number=search.number + 1,
         is_over=is_over,
         is_stuck=is_stuck,

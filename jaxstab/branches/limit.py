@@ -42,7 +42,6 @@ from jaxstab.core.control_flow import choose, cond, first_good, while_loop, zero
 from jaxstab.core.grid import mean, total
 from jaxstab.core.results import RESULTS
 from jaxstab.core.types import Field, Flag, Mask, Scalar
-from jaxstab.equilibrium import PreconditionedConjugateGradient
 from jaxstab.loads import Load
 from jaxstab.stability.eigenpair import Eigenpair
 
@@ -51,7 +50,7 @@ _MAX_STEPS = 2000
 _ALONG = 0.5
 # How far from where it was seen to lie a limit may be found, over how near that is known: what is
 # missing on the whole may be missing at one point, and disturbed starts leave a branch early.
-_LEEWAY = {"float64": 1000, "float32": 100}
+_LEEWAY = 1000
 # Of a search from a state nearby: its first step over its longest, and how far back it begins, over
 # a negligible part of the size of the state.
 _FIRST = 1e-3
@@ -159,7 +158,7 @@ def _ahead(contact: Contact, load: Load, gap: Field, ahead: Scalar) -> _Ahead:
     longest = LONGEST * curve.length(at)
     sign = jnp.sign(ahead)
     row = Point(sign * curve.load_gradient.gap, sign * curve.load_gradient.pressure)
-    end = load.value + _LEEWAY[dtype.name] * _horizon(load, gap, ahead)
+    end = load.value + _LEEWAY * _horizon(load, gap, ahead)
     problem = ContinuationProblem(
         curve, load.value, end, longest, SHORTEST[dtype.name] * longest, to_limit=True
     )
@@ -225,7 +224,7 @@ def _horizon(load: Load, gap: Field, ahead: Scalar) -> Scalar:
     It is known no better than the states of the branch are: to a part of their mean gap or of the
     pressure. The origin of lengths does not matter.
     """
-    tolerance = PreconditionedConjugateGradient().tolerance_in(gap.dtype)
+    tolerance = EQUILIBRIUM[gap.dtype.name]
     size = jnp.abs(load.value)
     if load.unit == "length":
         size = mean(gap)

@@ -15,15 +15,14 @@ from jaxstab.core.control_flow import by_entries
 from jaxstab.core.types import ArrayLike, Field, Scalar
 from jaxstab.equilibrium import Equilibrium, PreconditionedConjugateGradient
 from jaxstab.equilibrium.equilibrate import find
+from jaxstab.equilibrium.solvers.conjugate_gradients import MAX_MOVE_IN_JUMP
 from jaxstab.loads import Load
 
 # The default is relative to the size of the problem's own heights and gaps.
 DISTURBANCE = 1e-6
 # How far a step of a solver may move a point, over its gap and the range of the law: farther ones
-# were seen to leap over minima. On its way to another branch longer ones came to other minima than
-# an overdamped relaxation.
+# were seen to leap over minima.
 _MAX_MOVE = 0.1
-_MAX_MOVE_IN_JUMP = 0.03
 # A leg of the load path takes so many steps at least.
 _NUM_STEPS = 32
 
@@ -98,7 +97,7 @@ class LoadPath(eqx.Module):
         # Where the mean gap is held, no long step draws the surfaces apart.
         longest = jnp.full((), _MAX_MOVE)
         if contact.control(load).fixes_mean:
-            longest = jnp.where(is_final, _MAX_MOVE_IN_JUMP, jnp.inf)
+            longest = jnp.where(is_final, MAX_MOVE_IN_JUMP, jnp.inf)
         least = jnp.asarray(least_potential, dtype) / contact.grid.cell_area
         solver = PreconditionedConjugateGradient(
             max_move=longest.astype(dtype), least_energy=least.astype(dtype)

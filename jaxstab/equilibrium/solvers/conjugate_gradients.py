@@ -23,6 +23,9 @@ from jaxstab.core.types import Field, Flag, Scalar
 from jaxstab.equilibrium.solvers.base import EquilibriumSolver, Problem
 from jaxstab.solids.solid import Solid
 
+# A `max_move` for the way to another branch: with longer moves it came to other minima than an
+# overdamped relaxation.
+MAX_MOVE_IN_JUMP = 0.03
 # Cuts of a step to a third before it is given up.
 _MAX_CUTS = 40
 # The least part of the fall of energy that the slope promises.
