@@ -11,8 +11,7 @@ from jaxstab.force_curves.segment import SIGNIFICANT, Segment, scaled, tip_from_
 
 _FEWEST = 50
 _FEWEST_PRESSED = 10
-# Searches end after so many fits.
-_MOST_FITS = 50
+# The fits of the contact point, each weighed by the one before.
 _WEIGHINGS = 10
 # The least force is F_0 of the contact within this part of it.
 _FACTOR_ERROR = 0.25
@@ -309,10 +308,7 @@ def _line(name: str, segment: Segment, is_tilted: bool) -> _Line:
     is_far = height > height.max() - _START * np.ptp(height)
     number = max(int(np.argmin(is_far)), _FEWEST // 4, 4 * block)
     line = _fitted(height[:number], force[:number], is_tilted)
-    for _ in range(_MOST_FITS):
-        end = _free_of_force(line, height, force, block)
-        if end <= number:
-            break
+    while (end := _free_of_force(line, height, force, block)) > number:
         number = min(end, int(_STEP * number) + 1)
         line = _fitted(height[:number], force[:number], is_tilted)
     if number > _MOST * count:

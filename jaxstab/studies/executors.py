@@ -15,11 +15,10 @@ import jax
 
 from jaxstab.core.optional_packages import versions
 from jaxstab.studies.cases import Case
-from jaxstab.studies.worker import CaseWorker
+from jaxstab.studies.worker import MOST_TRIES, CaseWorker
 
 Task = Sequence[Case]
-# How often a task may be lost before it begins, and how many a foreign executor gets at a time.
-_MOST_LOSSES = 3
+# How many tasks a foreign executor gets at a time.
 _WINDOW = 1000
 
 
@@ -87,8 +86,8 @@ def run_tasks(
                     yield task, future.result()
                 elif not is_stopped():
                     num_lost[number] += not worker.is_begun(task)
-                    if num_lost[number] == _MOST_LOSSES:
-                        said = f"The executor lost a task {_MOST_LOSSES} times before it began"
+                    if num_lost[number] == MOST_TRIES:
+                        said = f"The executor lost a task {MOST_TRIES} times before it began"
                         cure = "call a script's code under `if __name__ == '__main__':`"
                         raise RuntimeError(
                             f"{said} ({type(error).__name__}: {error}): {cure}"

@@ -12,7 +12,8 @@ import numpy as np
 from jaxstab.core.compile import memory_mappings
 from jaxstab.studies.cases import RECORD, Case, Cases
 
-_MOST_DEATHS = 3
+# How often a case or a task that dies is tried.
+MOST_TRIES = 3
 # Compiled programs are dropped where they hold this part of the memory mappings.
 _MOST_MAPPINGS = 0.7
 
@@ -44,8 +45,8 @@ class CaseWorker:
             _drop_programs()
             start = perf_counter()
             returned = {}
-            message = f"The process of this case died {_MOST_DEATHS} times."
-            if self._num_begun(case) < _MOST_DEATHS:
+            message = f"The process of this case died {MOST_TRIES} times."
+            if self._num_begun(case) < MOST_TRIES:
                 self._begin([case])
                 try:
                     returned = jax.block_until_ready(self.case(**case))
