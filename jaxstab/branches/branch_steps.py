@@ -33,11 +33,10 @@ from jaxstab.equilibrium import Equilibrium
 from jaxstab.equilibrium.equilibrium import state_at
 from jaxstab.loads import Load, require_loads, require_same_machine
 
-# The longest step over the distance between the loads, and over the size of the first state; the
-# first and the shortest over the longest.
+# The longest step over the distance between the loads, and over the size of a state near a limit;
+# the first over the longest.
 LONGEST = 0.1
 _FIRST = 0.2
-SHORTEST = {"float64": 1e-7, "float32": 1e-4}
 
 
 class BranchState(eqx.Module):
@@ -141,11 +140,16 @@ def _problem(
     longest = jnp.where(size > 0, jnp.minimum(longest, size), longest)
     if max_step is not None:
         longest = max_step.astype(dtype)
-    shortest = SHORTEST[dtype.name] * longest
+    shortest = shortest_of(longest)
     if min_step is not None:
         shortest = min_step.astype(dtype)
     problem = ContinuationProblem(curve, first, last, longest, shortest, to_limit)
     return problem, _FIRST * longest
+
+
+def shortest_of(longest: Scalar) -> Scalar:
+    """Return the shortest step by default."""
+    return NEGLIGIBLE[longest.dtype.name] / 10 * longest
 
 
 def branch_from(

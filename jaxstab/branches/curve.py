@@ -17,8 +17,7 @@ from jaxstab.core.types import Field, Flag, Mask, Scalar
 from jaxstab.loads import Load
 from jaxstab.potentials import derivatives
 
-# How well a tangent is solved for, and by how many restarts of GMRES at most.
-TANGENT_ACCURACY = 1e-4
+# Restarts of GMRES at most.
 _MAX_RESTARTS = 10
 # Over the rms elastic pressure of full contact.
 _LEAST_SCALE = 1e-2

@@ -13,11 +13,11 @@ from jaxtyping import Array, Int
 
 from jaxstab.branches.branch_steps import (
     LONGEST,
-    SHORTEST,
     BranchState,
     branch_from,
     next_state,
     pressure_of,
+    shortest_of,
 )
 from jaxstab.branches.corrector import (
     AT_STATES,
@@ -154,13 +154,12 @@ def limit_ahead(contact: Contact, load: Load, gap: Field, ahead: Scalar) -> Limi
 def _ahead(contact: Contact, load: Load, gap: Field, ahead: Scalar) -> _Ahead:
     curve = Curve.of(contact, load)
     at = Point(gap, pressure_of(contact, load, gap))
-    dtype = gap.dtype
     longest = LONGEST * curve.length(at)
     sign = jnp.sign(ahead)
     row = Point(sign * curve.load_gradient.gap, sign * curve.load_gradient.pressure)
     end = load.value + _LEEWAY * _horizon(load, gap, ahead)
     problem = ContinuationProblem(
-        curve, load.value, end, longest, SHORTEST[dtype.name] * longest, to_limit=True
+        curve, load.value, end, longest, shortest_of(longest), to_limit=True
     )
     return _Ahead(problem, at, row, jax.tree.map(jnp.zeros_like, at), no_modes(gap))
 

@@ -9,7 +9,7 @@ from jaxtyping import Array, Float, Int
 
 from jaxstab.contact import Contact
 from jaxstab.contact.hessian import Block
-from jaxstab.core.accuracy import EQUILIBRIUM, NEGLIGIBLE
+from jaxstab.core.accuracy import EQUILIBRIUM, NEGLIGIBLE, ROUGH
 from jaxstab.core.checks import array, as_array
 from jaxstab.core.compile import program
 from jaxstab.core.control_flow import cond
@@ -22,8 +22,6 @@ from jaxstab.stability.ritz import norms
 from jaxstab.stability.solvers.base import BLOCK_SIZE, ModesProblem, noise
 from jaxstab.stability.solvers.davidson import Davidson
 
-# Of the modes that are used, and of signs at zero.
-_TOLERANCE = 1e-4
 # A residual below which a positive Ritz value is one of an eigenvalue that is positive: over that
 # value, or where this is larger, over the scale of A.
 _CERTAIN = 0.1
@@ -103,7 +101,7 @@ def index_of(
 
     def count(modes: Block) -> LowestModes:
         # The last of the modes converges slowly, and only its sign is of use.
-        solver = _CurveDavidson(_TOLERANCE, number=len(modes) - 1, signs_only=not precise)
+        solver = _CurveDavidson(ROUGH, number=len(modes) - 1, signs_only=not precise)
         return _lowest_modes(contact, load, gap, gap, modes, solver.in_precision(gap.dtype))
 
     few = count(modes)

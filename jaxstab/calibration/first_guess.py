@@ -9,6 +9,7 @@ from jaxstab.calibration.advice import FitWarning
 from jaxstab.calibration.measured_curve import Parts, columns_of
 from jaxstab.contact import Contact
 from jaxstab.contact.resolution import FOR_STATES, resolved_range
+from jaxstab.core.accuracy import ROUGH
 from jaxstab.core.checks import (
     integer,
     positive_scalar,
@@ -33,8 +34,6 @@ from jaxstab.surfaces import paraboloid
 _TABOR = (0.1, 1.0, 5.0)
 # Logarithms of modulus, work and range stay so near their start.
 _FARTHEST = np.log(1e3)
-# The tolerance of the fit of the closed form, which only starts another.
-_ROUGHLY = 1e-4
 # The points of the closed form, with and without contact.
 _POINTS = 300
 # Of a curve without attraction the contact begins near this part of its largest force.
@@ -220,9 +219,7 @@ def _fitted(
         start = np.append(np.log([modulus, work, length]), pull)
         reach = np.array([_FARTHEST] * 3 + [np.ptp(indentation)])
         limits = start - reach, start + reach
-        fit = least_squares(
-            misfit, start, bounds=limits, x_scale=scale, ftol=_ROUGHLY, xtol=_ROUGHLY
-        )
+        fit = least_squares(misfit, start, bounds=limits, x_scale=scale, ftol=ROUGH, xtol=ROUGH)
         fits.append(fit)
     return _Sphere.of(min(fits, key=lambda fit: fit.cost).x)
 

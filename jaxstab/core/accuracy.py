@@ -9,6 +9,10 @@ import jax.numpy as jnp
 EQUILIBRIUM = {"float64": 1e-9, "float32": 1e-4}
 # The residual of a linear system, or of Newton's method near its end.
 EXACT = {"float64": 1e-12, "float32": 1e-6}
+# The residual of an eigenpair, over the size of the operator.
+EIGENPAIR = {"float64": 1e-7, "float32": 1e-5}
+# The residual of what only guides another search, such as its start or a tangent.
+ROUGH = 1e-4
 # The part of a quantity below which it counts as zero, and two states as one.
 NEGLIGIBLE = {"float64": 1e-6, "float32": 1e-3}
 # The relative error of a few operations on numbers, and of those on fields, in units of precision.

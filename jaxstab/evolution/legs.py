@@ -11,6 +11,7 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from jaxstab.contact import Contact
+from jaxstab.core.accuracy import rounding_of_numbers
 from jaxstab.core.compile import program
 from jaxstab.core.control_flow import by_entries, choose
 from jaxstab.core.results import RESULTS
@@ -183,7 +184,7 @@ def _shortest(contact: Contact, span: Scalar) -> Scalar:
     """Return the length of the shortest step on a leg."""
     solid: Any = contact.solid
     shortest = jnp.minimum(_SHORTEST_OF_LEG * span, _SHORTEST_OF_RELAXATION * solid.times[0])
-    return jnp.maximum(shortest, 8 * jnp.finfo(span.dtype).eps * span)
+    return jnp.maximum(shortest, rounding_of_numbers(span.dtype) * span)
 
 
 def _cut(dt: Scalar, left: Scalar) -> Scalar:

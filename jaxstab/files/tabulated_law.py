@@ -6,13 +6,12 @@ from pathlib import Path
 import numpy as np
 
 from jaxstab.contact import Contact
+from jaxstab.core.accuracy import EQUILIBRIUM
 from jaxstab.core.display import text
 from jaxstab.core.units import LENGTH, PRESSURE, SURFACE_ENERGY, unit_symbol
 
 # Every 16th point of a law's profile is kept.
 _EVERY = 16
-# The tolerance of a law's values, over the values and the law's depth.
-_TOLERANCE = {"float32": 1e-4, "float64": 1e-9}
 
 
 def law_variables(contact: Contact) -> dict[str, tuple[str, np.ndarray, dict[str, str]]]:
@@ -37,7 +36,7 @@ def require_same_law(contact: Contact, arrays: Mapping[str, np.ndarray], path: P
     energies = law_variables(contact)["law_energy"][1]
     is_finite = np.isfinite(expected)
     depth = -expected[is_finite].min(initial=0)
-    tolerance = _TOLERANCE[expected.dtype.name] * (np.abs(expected) + depth)
+    tolerance = EQUILIBRIUM[expected.dtype.name] * (np.abs(expected) + depth)
     with np.errstate(invalid="ignore"):
         is_off = is_finite & ~(np.abs(energies - expected) <= tolerance)
     is_off |= is_finite != np.isfinite(energies)

@@ -15,6 +15,7 @@ from jaxtyping import Array, Bool, Float, PRNGKeyArray
 
 from jaxstab.contact.hessian import Block, Hessian
 from jaxstab.core import model
+from jaxstab.core.accuracy import ROUGH
 from jaxstab.core.checks import array, concrete, is_transformed
 from jaxstab.core.compile import program
 from jaxstab.core.types import Field, Flag, Mask, Scalar
@@ -30,8 +31,6 @@ Solver = TypeVar("Solver", bound=Eigensolver)
 _LARGE = 2**18
 # A coarser problem has at most so many points, but for grids that cannot be halved so often.
 _COARSE = _LARGE // 4
-# The residual to which it is solved at most.
-_TOLERANCE = 1e-4
 # How far the eigenvalue may lie from the coarser problem's, as a part of it: no other
 # minimiser is taken to be lower by more.
 _TRUST = 1e-2
@@ -57,7 +56,7 @@ def coarser(hessian: Hessian, cone: AdmissibleCone) -> tuple[Hessian, Admissible
 
 def roughly(solver: Solver, like: Field) -> Solver:
     """Return a solver with the tolerance for a coarser problem."""
-    tolerance = max(float(concrete(solver.tolerance_in(like.dtype))), _TOLERANCE)
+    tolerance = max(float(concrete(solver.tolerance_in(like.dtype))), ROUGH)
     return replace(solver, tolerance=array(tolerance, like.dtype))
 
 

@@ -12,6 +12,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from jaxstab.contact.hessian import Block, SymmetricOperator
 from jaxstab.core import model
+from jaxstab.core.accuracy import EIGENPAIR
 from jaxstab.core.checks import as_array
 from jaxstab.core.control_flow import by_entries, choose, entry_of, on_platform, with_entry
 from jaxstab.core.grid import total, totals
@@ -88,7 +89,7 @@ class ProjectedLOBPCG(ConeSolver):
     tolerance: Scalar | None = eqx.field(converter=optional_parameter, default=None)
     max_steps: Int[Array, ""] = eqx.field(converter=as_array, default=5000)
 
-    default_tolerance: ClassVar[Mapping[str, float]] = {"float64": 1e-7, "float32": 1e-5}
+    default_tolerance: ClassVar[Mapping[str, float]] = EIGENPAIR
 
     def step(self, problem: Eigenproblem, state: _ConeState) -> _ConeState:
         """Return one start after a step, or on an accelerator after one length of it.

@@ -16,6 +16,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
 from jaxstab.contact.hessian import Block, SymmetricOperator
+from jaxstab.core.accuracy import EIGENPAIR
 from jaxstab.core.checks import as_array
 from jaxstab.core.control_flow import either, on_platform, with_entry
 from jaxstab.core.grid import total
@@ -127,7 +128,7 @@ class Davidson(SpaceSolver):
     tolerance: Scalar | None = eqx.field(converter=optional_parameter, default=None)
     max_steps: Int[Array, ""] = eqx.field(converter=as_array, default=5000)
 
-    default_tolerance: ClassVar[Mapping[str, float]] = {"float64": 1e-7, "float32": 1e-5}
+    default_tolerance: ClassVar[Mapping[str, float]] = EIGENPAIR
 
     def init(self, problem: ModesProblem, start: Block) -> _RitzState:
         """Return a space that has no vectors yet, or on an accelerator the span of the starts."""

@@ -19,6 +19,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Int
 
 from jaxstab.contact.hessian import Block
+from jaxstab.core.accuracy import EIGENPAIR
 from jaxstab.core.checks import as_array, require_positive
 from jaxstab.core.grid import mean, total
 from jaxstab.core.history import Indicators
@@ -66,7 +67,7 @@ class ProximalIteration(ConeSolver):
         converter=optional_parameter, default=None
     )
 
-    default_tolerance: ClassVar[Mapping[str, float]] = {"float64": 1e-7, "float32": 1e-5}
+    default_tolerance: ClassVar[Mapping[str, float]] = EIGENPAIR
     patience: ClassVar[int] = 40_000
     steps_per_check: ClassVar[int] = 50
 
