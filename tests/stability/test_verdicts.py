@@ -200,6 +200,19 @@ def test_an_eigenvalue_of_exactly_zero_decides_nothing(quadratic, shift, verdict
     assert stability.verdict == getattr(js.VERDICTS, verdict)
 
 
+def test_contact_holds_nothing_where_the_critical_eigenvalue_is_zero(quadratic):
+    touches = np.zeros((8, 8), bool)
+    touches[2:5, 2:5] = True
+    gap = jnp.where(touches, 0.0, 1.0)
+    free = ~touches.ravel()
+    stiffness = dense_hessian(quadratic(0.0), gap)[np.ix_(free, free)]
+    contact = quadratic(smallest_on_zero_mean(stiffness))
+    stability = js.assess_stability(*state_of(contact, gap))
+    assert stability.cone.eigenvalue < -0.01
+    assert stability.critical.eigenvalue == pytest.approx(0, abs=1e-12)
+    assert stability.verdict == "undecided"
+
+
 def test_a_point_without_reaction_may_lift_off(quadratic):
     """Where a contact point does not press, the critical cone lets it move outwards."""
     contact = quadratic(2.0)
