@@ -55,6 +55,15 @@ def test_numbers_of_either_byte_order_are_taken():
     assert contact.solid.youngs_modulus == 2.0
 
 
+def test_the_force_on_a_window_is_the_sum_over_it():
+    window = js.Grid(16, 8.0)
+    tip = js.surfaces.paraboloid(window, 4.0)
+    contact = js.Contact(js.FreeHalfSpace(window, 1.0), tip, js.potentials.NoAdhesion())
+    state = js.equilibrate(contact, js.FarDisplacement(-0.2))
+    assert state.force > 0
+    np.testing.assert_allclose(state.force, jnp.sum(state.pressure) / 4, rtol=1e-6)
+
+
 def test_the_residual_sees_every_way_to_miss_equilibrium(hertz):
     equilibrium = js.equilibrate(hertz, js.MeanDisplacement(1.2))
     exact = equilibrium.gap
