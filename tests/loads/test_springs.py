@@ -49,6 +49,18 @@ def test_it_presses_with_its_stretch_and_is_part_of_the_hessian(contact, stiffne
     np.testing.assert_allclose(found, exact, atol=1e-8)
 
 
+@pytest.mark.parametrize(("stiffness", "mean_gap"), [(1.0, 1.0), (30.0, 0.5)])
+def test_a_stiff_spring_keeps_the_mean_of_a_gap_that_is_cut_and_a_soft_one_does_not(
+    contact, stiffness, mean_gap
+):
+    control = contact.control(js.Spring(0.1, stiffness))
+    gap = jnp.where(jnp.arange(N) < N // 2, 2.0, -1.0) * jnp.ones((N, 1))
+    cut = control.admissible(gap)
+    np.testing.assert_allclose(cut, jnp.where(gap > 0, 2 * mean_gap, 0))
+    # Of a gap that is nowhere open there is no mean to keep.
+    np.testing.assert_array_equal(control.admissible(-jnp.abs(gap)), 0)
+
+
 def test_traced_springs_that_are_none_have_no_equilibrium(contact):
     @jax.jit
     def found(position, stiffness):
