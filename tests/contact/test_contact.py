@@ -55,6 +55,17 @@ def test_numbers_of_either_byte_order_are_taken():
     assert contact.solid.youngs_modulus == 2.0
 
 
+@pytest.mark.parametrize(
+    ("law", "has_core"),
+    [(js.potentials.LennardJones(0.1, 0.5), True), (js.potentials.Exponential(0.1, 0.5), False)],
+)
+def test_a_contact_knows_in_any_unit_whether_its_law_has_a_core(law, has_core):
+    contact = js.Contact(js.HalfSpace(js.Grid(8), 1.0), jnp.zeros((8, 8)), law)
+    assert contact.known_core is has_core
+    scaled, _ = contact.in_characteristic_units()
+    assert scaled.known_core is has_core
+
+
 def test_the_force_on_a_window_is_the_sum_over_it():
     window = js.Grid(16, 8.0)
     tip = js.surfaces.paraboloid(window, 4.0)
