@@ -12,6 +12,7 @@ import jax.numpy as jnp
 from jaxstab.branches.gmres import gmres
 from jaxstab.contact import Contact
 from jaxstab.contact.hessian import Hessian
+from jaxstab.contact.residual import LEAST_SCALE
 from jaxstab.core.grid import mean, total
 from jaxstab.core.types import Field, Flag, Mask, Scalar
 from jaxstab.loads import Load
@@ -19,8 +20,6 @@ from jaxstab.potentials import derivatives
 
 # Restarts of GMRES at most.
 _MAX_RESTARTS = 10
-# Over the rms elastic pressure of full contact.
-_LEAST_SCALE = 1e-2
 # This part of the largest attraction is taken for none.
 HARDLY_ANY = 1e-3
 
@@ -89,7 +88,7 @@ class Curve(eqx.Module):
         profile = contact.profile
         conforming = contact.conforming_pressure
         # Over a flat surface nothing but the load balances the attraction.
-        least = _LEAST_SCALE * jnp.where(conforming > 0, conforming, profile.max_attraction)
+        least = LEAST_SCALE * jnp.where(conforming > 0, conforming, profile.max_attraction)
         outermost = profile.outermost_gap(HARDLY_ANY * profile.max_attraction)
         farthest = jnp.where(jnp.any(gradient.gap != 0), jnp.inf, outermost)
         return cls(contact, load, least, offset, gradient, farthest.astype(least.dtype))

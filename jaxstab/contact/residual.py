@@ -14,6 +14,9 @@ from jaxstab.potentials.evaluation import derivatives
 from jaxstab.potentials.varying import Potential
 from jaxstab.solids.solid import Solid
 
+# An imbalance of this part of the elastic pressures of full contact moves no point by a part of the
+# heights.
+LEAST_SCALE = 1e-2
 # How much the mean of the imbalance counts beside its rms.
 _MEAN_SHARE = 1e-2
 # A surface is nearly flat if its heights spread by less than this part of the mean gap.
@@ -63,8 +66,7 @@ def balance_of(
     held = solid.with_uniform_stiffness(0)
     stiffest = solid.max_stiffness
     conforming = conforming_pressure(solid, heights)
-    # An imbalance of a hundredth of the elastic pressures moves no point by a part of the heights.
-    smallest_scale = conforming * max(1e-2, 1e6 * float(jnp.finfo(heights.dtype).eps))
+    smallest_scale = conforming * max(LEAST_SCALE, 1e6 * float(jnp.finfo(heights.dtype).eps))
     heights -= heights.ravel()[0]
     spread = jnp.max(jnp.abs(heights))
     precision = float(jnp.finfo(heights.dtype).eps)
