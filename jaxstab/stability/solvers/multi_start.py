@@ -13,7 +13,7 @@ from jaxstab.stability.solvers.base import Eigenproblem
 
 # The steps of each round, and the number of starts that go on to the next.
 _LENGTHS = 4, 8, 10, 15, 25, 40, 60, NO_LIMIT
-_NUM_KEPT = 12, 3, 3, 3, 3, 3, 3, 1
+_NUM_KEPT = 12, *[3] * (len(_LENGTHS) - 2), 1
 _DISCARDED = max(_NUM_KEPT)
 # The round from which on no more than a few starts are left.
 _FEW_FROM = 2
