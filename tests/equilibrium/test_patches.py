@@ -10,6 +10,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 import jaxstab as js
+from jaxstab.equilibrium.observables.clusters import clusters_of
 
 SPACING = (0.25, 0.5)
 STEPS = {4: [(1, 0), (0, 1)], 8: [(1, 0), (0, 1), (1, 1), (1, -1)]}
@@ -97,6 +98,14 @@ def test_a_rectangle_over_the_corner_has_its_area_perimeter_and_force(dtype):
     assert found.largest == found.areas[0]
     excess = (np.pi - 1 + np.log(2)) / 24 * (14 + 4) * dx * dy
     np.testing.assert_allclose(found.true_area, found.area - excess, rtol=1e-5)
+
+
+def test_without_a_period_each_cluster_is_told_to_reach_both_edges_or_not():
+    mask = np.array([[1, 0, 1], [1, 0, 0], [1, 0, 1]], bool)
+    found = clusters_of(mask, is_periodic=False)
+    assert found.number == 3
+    np.testing.assert_array_equal(found.labels, [[1, 0, 2], [1, 0, 0], [1, 0, 3]])
+    np.testing.assert_array_equal(found.spans, [[True, False], [False, False], [False, False]])
 
 
 def test_no_contact_and_full_contact():
