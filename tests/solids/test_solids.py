@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import jaxstab as js
+from jaxstab.solids import Solid
 
 GRIDS = [js.Grid((12,), (2.0,)), js.Grid((9, 6), (1.0, 3.0)), js.Grid((8, 7))]
 
@@ -20,6 +21,19 @@ def test_a_wave_is_as_stiff_as_westergaard_says(grid):
     area = float(jnp.prod(grid.lengths))
     energy = 0.5 * modulus * np.pi * 2 / length * 0.5 * area
     np.testing.assert_allclose(solid.energy(wave), energy)
+
+
+def test_any_solid_can_be_scaled_and_given_a_uniform_stiffness():
+    solid = js.HalfSpace(GRIDS[1], youngs_modulus=3.0)
+    # As of a solid that has no rule of its own.
+    scaled = Solid.scaled(solid, jnp.array(0.25))
+    assert scaled.max_stiffness == 0.25 * solid.max_stiffness
+    assert scaled.min_stiffness == 0.25 * solid.min_stiffness
+    field = jnp.sin(jnp.arange(54.0)).reshape(9, 6)
+    np.testing.assert_allclose(scaled.apply(field), 0.25 * solid.apply(field), atol=1e-14)
+    held = Solid.with_uniform_stiffness(solid, jnp.array(2.0))
+    uniform = held.apply(field) - solid.apply(field)
+    np.testing.assert_allclose(uniform, 2 * jnp.mean(field), rtol=1e-10)
 
 
 def test_a_traced_poisson_ratio_that_no_solid_has_gives_no_number():
