@@ -30,7 +30,7 @@ _NEAR = 0.2
 _NEAREST = 0.02
 # Fits agree on the least misfit within this fraction of it.
 _AGREEMENT = 0.25
-# Logarithms of the profile on each side up to a factor of four, beyond one and two standard errors:
+# Logarithms of the profile on each side up to a factor of four, beyond one and 2.5 standard errors:
 # points that detach one by one make minima beside each other.
 _DISTANCES = np.arange(1, 8) / 5
 _ON_A_SIDE = 2 + len(_DISTANCES)
@@ -250,7 +250,7 @@ class Plan:
     def _along_profile(self, place: Array, so_far: Search) -> Trial:
         """Return a fit of the other variables, from the fit beside it, nearer to the centre."""
         near = so_far.resolution
-        reach = jnp.concatenate([jnp.stack([near, 2 * near]), _DISTANCES])
+        reach = jnp.concatenate([jnp.stack([near, 2.5 * near]), _DISTANCES])
         offset = jnp.concatenate([-reach, reach])[place]
         is_nearest = (place == 0) | (place == _ON_A_SIDE)
         start = jnp.where(is_nearest, so_far.centre, so_far.profile.free[place - 1])
