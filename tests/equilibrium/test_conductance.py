@@ -89,6 +89,9 @@ def test_any_unit_of_length_gives_the_same(dtype, kind):
     small = js.conductance(*touching(mask, kind, 1e-9, dtype, modulus=2e12), (1e-3, 1e-3))
     rtol = {jnp.float32: 1e-4, jnp.float64: 1e-10}[dtype]
     np.testing.assert_allclose(small.conductance, 1e-6 * one.conductance, rtol=rtol)
+    large = js.conductance(*touching(mask, kind, 1e3, dtype), (1.0, 1.0))
+    for found in (one, small, large):
+        np.testing.assert_allclose(jnp.sum(found.current), 1, rtol=rtol)
 
 
 def test_it_runs_in_programs_batches_and_derivatives():

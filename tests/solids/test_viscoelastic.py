@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import jaxstab as js
+from jaxstab.solids.viscoelastic import ramp
 
 GRID = js.Grid(16)
 SOLID = js.HalfSpace(GRID, 2.0, 0.3)
@@ -245,3 +246,9 @@ def test_a_traced_tension_that_is_refused_otherwise_is_nan():
     found = jax.vmap(pressures)(jnp.array([0.5, -0.5]))
     np.testing.assert_allclose(found[0], pressures(0.5))
     assert np.isnan(found[1]).all()
+
+
+def test_of_a_ramp_that_takes_no_time_all_remains():
+    remains = ramp(jnp.array([0.0, 0.5, 40.0]))
+    np.testing.assert_allclose(remains, [1, 2 * (1 - np.exp(-0.5)), 1 / 40], rtol=1e-12)
+    assert jnp.isfinite(jax.grad(ramp)(0.0))
