@@ -137,3 +137,14 @@ def test_the_coarser_solid_has_the_long_waves_of_the_fine_one():
     fine = jnp.cos(2 * jnp.pi * (grid.coordinates[0] / 3 - grid.coordinates[1] / 2)) + 0.3
     np.testing.assert_allclose(coarser.apply(wave), solid.apply(fine)[::2, ::2], atol=1e-12)
     assert js.HalfSpace(js.Grid((7, 8)), 1.0).with_uniform_stiffness(0).coarser() is None
+
+
+def test_a_problem_is_made_coarser_until_few_points_are_left(monkeypatch):
+    monkeypatch.setattr(coarse_start, "_COARSE", 32)
+    touches = jnp.zeros((16, 8), bool).at[:4, :4].set(True)
+    solid = js.HalfSpace(js.Grid((16, 8)), 1.0)
+    hessian = Hessian(solid, jnp.where(touches, -4.0, -1.0))
+    coarse, cone = coarse_start.coarser(hessian, AdmissibleCone(touches))
+    assert coarse.solid.grid.shape == (8, 4)
+    np.testing.assert_array_equal(cone.one_sided, touches[::2, ::2])
+    np.testing.assert_array_equal(coarse.curvature, hessian.curvature[::2, ::2])
