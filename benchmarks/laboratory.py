@@ -32,13 +32,14 @@ HEAD = (
 )
 
 CURVES = (
-    "Fits to the retractions of synthetic force curves, of both directions, with noise, drift, "
-    "tilt and offsets: how often the truth is within two standard errors, and the rms of "
+    "Fits to retractions, or to approaches and retractions, of synthetic force curves with noise, "
+    "drift, tilt and offsets: how often the truth is within two standard errors, and the rms of "
     "deviations over standard errors. Where the grids differ, the errors include the grid's, by a "
     "fit on half as fine a one."
 )
 CURVES_HEAD = (
-    "| curve computed on | fitted on | parameter | within two errors | rms |\n|---|---|---|---|---|"
+    "| curve computed on | fitted on | segment | parameter | within two errors | rms |\n"
+    "|---|---|---|---|---|---|"
 )
 # In nm, nN and GPa.
 TRUTH = {"work of adhesion": 0.05, "range": 6.0, "modulus": 0.1}
@@ -51,6 +52,7 @@ def main() -> None:
         "--quick", action="store_true", help="the wave and lines alone, in a minute"
     )
     parser.add_argument("--curves", type=int, help="fit so many synthetic force curves instead")
+    parser.add_argument("--both", type=int, help="fit approach and retraction of so many instead")
     options = parser.parse_args()
     jax.config.update("jax_enable_x64", True)
     warnings.simplefilter("ignore", js.ResolutionWarning)
@@ -61,6 +63,9 @@ def main() -> None:
     if options.curves:
         lines = [CURVES, "", CURVES_HEAD]
         table = curves(options.curves)
+    if options.both:
+        lines = [CURVES, "", CURVES_HEAD]
+        table = fits(8, 8, options.both, "both")
     for line in table:
         lines.append(line)
         print(line, flush=True)
@@ -151,7 +156,7 @@ def curves(count: int) -> Iterator[str]:
     yield from fits(24, 12, count)
 
 
-def fits(computed: int, points: int, count: int) -> Iterator[str]:
+def fits(computed: int, points: int, count: int, segment: str = "retraction") -> Iterator[str]:
     """Yield rows; a fit on another grid than the curve's has the error of half as fine a grid."""
     indentation = np.linspace(8.0, -46.0, 181)
     loads = js.FarDisplacement(-indentation)
@@ -174,20 +179,22 @@ def fits(computed: int, points: int, count: int) -> Iterator[str]:
             tilt=2e-3 * random.normal(),
             offsets=tuple(0.5 * random.normal(size=2)),
         )
-        fit = fit_on(points, curve)
+        fit = fit_on(points, curve, segment)
         if points < computed:
-            fit = fit.with_error_of_grid(fit_on(points // 2, curve))
+            fit = fit.with_error_of_grid(fit_on(points // 2, curve, segment))
         if fit.result == js.RESULTS.successful:
             found, errors = (jax.tree.leaves(x) for x in (fit.parameters, fit.standard_errors))
             deviations[seed] = (np.array(found) - [*TRUTH.values()]) / np.array(errors)
     for name, one in zip(TRUTH, deviations.T, strict=True):
         within = np.sum(np.abs(one) < 2)
         rms = np.sqrt(np.nanmean(one**2))
-        yield f"| {computed}² | {points}² | {name} | {within} of {count} | {rms:.2f} |"
+        grids = f"{computed}² | {points}²"
+        yield f"| {grids} | {segment} | {name} | {within} of {count} | {rms:.2f} |"
 
 
-def fit_on(points: int, curve: js.force_curves.ForceCurve) -> js.Calibration:
-    return js.calibrate(tip(points, 0.06, 5.0, 0.12), js.FarDisplacement, curve, throw=False)
+def fit_on(points: int, curve: js.force_curves.ForceCurve, segment: str) -> js.Calibration:
+    start = tip(points, 0.06, 5.0, 0.12)
+    return js.calibrate(start, js.FarDisplacement, curve, segment=segment, throw=False)
 
 
 if __name__ == "__main__":

@@ -31,6 +31,27 @@ def jkr(radius=2.0):
     return np.asarray(state.displacement), np.asarray(state.force)
 
 
+def maugis(tabor, modulus=MODULUS, work=WORK, depth=8.0, points=8000):
+    """Return them for Maugis' sphere, from where the attraction or the branch begins."""
+    length = np.cbrt(RADIUS * (work / modulus) ** 2) / tabor
+    law = RADIUS, modulus, work, work / length
+    touch = js.references.maugis.first_touch(*law)
+    end = js.references.maugis.pull_off(*law, np.inf)
+    unit = js.references.jkr.units(*law[:3])
+    most = 2 * np.sqrt(RADIUS * depth) + 4 * unit.contact_radius
+    radii = np.linspace(max(float(end.contact_radius), 1e-6), most, points)
+    states = js.references.maugis.curve(radii, *law)
+    indentation = np.asarray(states.displacement)
+    force = np.asarray(states.force)
+    if end.contact_radius == 0:
+        outer = np.linspace(float(end.outer_radius), float(touch.outer_radius), points)[:-1]
+        before = js.references.maugis.without_contact(outer, *law)
+        indentation = np.append(before.displacement, indentation)
+        force = np.append(before.force, force)
+    is_shown = indentation <= depth
+    return indentation[is_shown], force[is_shown]
+
+
 def recorded(
     law,
     seed,

@@ -1,6 +1,7 @@
 """The contact from which the fit of a force curve starts, by a fit of a closed form."""
 
 from collections.abc import Callable
+from operator import itemgetter
 from typing import NamedTuple
 
 import numpy as np
@@ -32,6 +33,8 @@ from jaxstab.surfaces import paraboloid
 
 # Tabor's parameters to start the fit of the closed form from: DMT, between, and JKR.
 _TABOR = (0.1, 1.0, 5.0)
+# The standard deviation of its logarithm before the curve is known: a factor of three.
+_PRIOR = np.log(3.0)
 # Logarithms of modulus, work and range stay so near their start.
 _FARTHEST = np.log(1e3)
 # The points of the closed form, with and without contact.
@@ -55,11 +58,22 @@ class _Sphere(NamedTuple):
     range: float
     contact_point: float
 
-    @classmethod
-    def of(cls, values: np.ndarray) -> "_Sphere":
-        """Return the sphere of the variables of a fit, which are logarithms but for the last."""
+    def tabor(self, radius: float) -> float:
+        """Return Tabor's parameter, one between JKR and DMT."""
+        return float(np.cbrt(radius * (self.work / self.contact_modulus) ** 2)) / self.range
+
+    def changed(self, values: np.ndarray, unit: float) -> "_Sphere":
+        """Return the sphere with changed logarithms, and a contact point so many units further.
+
+        All changes are of the order of one, as the finite differences of a fit assume.
+        """
         modulus, work, length = map(float, np.exp(values[:3]))
-        return cls(modulus, work, length, float(values[3]))
+        return _Sphere(
+            self.contact_modulus * modulus,
+            self.work * work,
+            self.range * length,
+            self.contact_point + unit * float(values[3]),
+        )
 
 
 @own_conventions()
@@ -191,9 +205,12 @@ def _unlikely(radius: float, depth: float, constant: float, unit: str) -> str:
 def _fitted(
     indentation: np.ndarray, force: np.ndarray, roots: np.ndarray, radius: float, part: str
 ) -> _Sphere:
-    """Return the sphere of Maugis whose curve is nearest to means of forces over indentations.
+    """Return the sphere of Maugis whose curve is near to means of forces over indentations.
 
-    If no mean is below the noise, it is that of Hertz.
+    A longer range with a smaller work of adhesion often does as well, within the noise, since a
+    cantilever that snaps off hides where the attraction ends. What the curve leaves open a prior
+    decides for the middle of JKR and DMT, from where either is near. If no mean is below the noise,
+    it is the sphere of Hertz.
     """
     from scipy.optimize import least_squares
 
@@ -207,21 +224,27 @@ def _fitted(
     modulus = 0.75 * (deepest + attraction) / np.sqrt(radius * depth**3)
     work = attraction / (1.75 * np.pi * radius)
     unit = float(jkr.units(radius, modulus, work).displacement)
-    scale = np.append(np.full(3, 1.0), unit)
+    reach = np.array([_FARTHEST] * 3 + [np.ptp(indentation) / unit])
 
-    def misfit(values: np.ndarray) -> np.ndarray:
-        computed = _force(indentation, radius, _Sphere.of(values), pull, part == "approach")
-        return roots * (computed - force)
+    def misfit(values: np.ndarray, start: _Sphere) -> np.ndarray:
+        sphere = start.changed(values, unit)
+        computed = _force(indentation, radius, sphere, pull, part == "approach")
+        return np.append(roots * (computed - force), np.log(sphere.tabor(radius)) / _PRIOR)
 
-    fits = []
+    found = []
     for tabor in _TABOR:
-        length = np.cbrt(radius * (work / modulus) ** 2) / tabor
-        start = np.append(np.log([modulus, work, length]), pull)
-        reach = np.array([_FARTHEST] * 3 + [np.ptp(indentation)])
-        limits = start - reach, start + reach
-        fit = least_squares(misfit, start, bounds=limits, x_scale=scale, ftol=ROUGH, xtol=ROUGH)
-        fits.append(fit)
-    return _Sphere.of(min(fits, key=lambda fit: fit.cost).x)
+        start = _Sphere(modulus, work, 1.0, pull)
+        start = start._replace(range=start.tabor(radius) / tabor)
+        fit = least_squares(
+            misfit,
+            np.zeros(4),
+            bounds=(-reach, reach),
+            ftol=ROUGH,
+            xtol=ROUGH,
+            args=(start,),
+        )
+        found.append((fit.cost, start.changed(fit.x, unit)))
+    return min(found, key=itemgetter(0))[1]
 
 
 def _without_attraction(
