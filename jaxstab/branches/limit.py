@@ -260,7 +260,8 @@ def limit_of(problem: ContinuationProblem, branch: BranchState) -> Limit:
        has become negative.
     2. If the load turns, at a fold or a release, the step has located where.
     3. If it does not, at a bifurcation, return to the state before and halve the step, until the
-       states before and after the bifurcation are close to each other.
+       states before and after the bifurcation are close to each other. If shorter steps pass the
+       place by stable states, go on.
     4. There find the lowest eigenpair, and tell by its eigenvalue or the reaction of the released
        point whether it is a limit, and of which kind.
     """
@@ -298,17 +299,20 @@ def _narrowed(
     is_past = new.step.is_new & (new.step.turn.is_there | is_unstable)
     width = jnp.where(is_past, taken, search.width - taken)
     width = jnp.where(new.step.is_new, width, search.width)
+    # Stable states up to there and beyond: a long step had leapt to another branch.
+    width = jnp.where(width < 0, jnp.inf, width)
+    closest = _closest(problem)
+    is_bracketed = is_past & (new.step.turn.is_there | (width <= 2 * closest))
     count = search.count + 1
     next_length = jnp.where(is_past, old.step.length, new.step.length)
-    is_wide = (width > _closest(problem)) & ~(is_past & new.step.turn.is_there)
     return _LimitSearch(
         before=old,
         after=new,
         is_past=is_past,
         width=width,
-        length=jnp.minimum(next_length, width / 2),
+        length=jnp.minimum(next_length, jnp.maximum(width / 2, closest)),
         count=count,
-        is_open=new.is_on & is_wide & (count < _MAX_STEPS),
+        is_open=new.is_on & ~is_bracketed & (count < _MAX_STEPS),
     )
 
 
@@ -400,7 +404,7 @@ def _limit(
     kind = KINDS.where(is_event, kind, KINDS.uncertain)
     # Between two states as near as steps can tell, a bifurcation is known by its eigenvalue.
     is_between = jnp.isfinite(search.width) & (kind != KINDS.uncertain)
-    is_found = search.is_past | (search.width <= _closest(problem)) | is_between
+    is_found = search.is_past | is_between
     ended = search.after.end
     is_unclear = (ended == KINDS.uncertain) | (ended == KINDS.lost) | search.after.is_on
     failure = RESULTS.where(is_unclear, RESULTS.lost_branch, RESULTS.no_fold)

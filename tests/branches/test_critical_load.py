@@ -291,6 +291,16 @@ def test_where_no_fold_is_the_user_is_told():
         find(VALUES, 1.3)
 
 
+def test_a_long_step_to_another_branch_ends_no_search(hertz):
+    # It leads to a state without twelve of the contact points, where two eigenvalues are negative.
+    heights = hertz.heights + 1e-3 * jax.random.normal(jax.random.key(0), hertz.heights.shape)
+    contact = js.Contact(hertz.solid, heights, js.potentials.Exponential(10.001, 1.0))
+    found = js.critical_load(contact, js.MeanDisplacement(jnp.array([1.2, 1.6])))
+    assert found.kind == "release"
+    value = bisected(contact, js.MeanDisplacement, 1.2, 0.01, lambda state: state.in_contact.any())
+    np.testing.assert_allclose(found.load.value, value, atol=1e-7)
+
+
 # Of a pull-off the same is tested daily.
 @pytest.mark.nightly
 def test_a_branch_that_a_contact_point_ends_is_found_with_its_derivative(hertz):
