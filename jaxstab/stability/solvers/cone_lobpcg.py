@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import replace
 from functools import partial
-from typing import ClassVar
+from typing import Annotated, ClassVar
 
 import equinox as eqx
 import jax
@@ -20,6 +20,7 @@ from jaxstab.core.history import History, Indicators
 from jaxstab.core.loop import Iteration, optional_parameter
 from jaxstab.core.results import RESULTS
 from jaxstab.core.types import Field, Flag, Scalar
+from jaxstab.core.units import NUMBER
 from jaxstab.stability.cones import AdmissibleCone
 from jaxstab.stability.eigenpair import Minimum, descended, projected_residual
 from jaxstab.stability.ritz import combination, least_new, orthonormal, rayleigh_ritz
@@ -86,7 +87,9 @@ class ProjectedLOBPCG(ConeSolver):
         max_steps: the step limit of each start, 5000 by default.
     """
 
-    tolerance: Scalar | None = eqx.field(converter=optional_parameter, default=None)
+    tolerance: Annotated[Scalar, NUMBER] | None = eqx.field(
+        converter=optional_parameter, default=None
+    )
     max_steps: Int[Array, ""] = eqx.field(converter=as_array, default=5000)
 
     default_tolerance: ClassVar[Mapping[str, float]] = EIGENPAIR

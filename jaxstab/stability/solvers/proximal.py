@@ -26,7 +26,7 @@ from jaxstab.core.history import Indicators
 from jaxstab.core.loop import Iteration, optional_parameter
 from jaxstab.core.results import RESULTS
 from jaxstab.core.types import Field, Scalar
-from jaxstab.core.units import STIFFNESS, Dimension
+from jaxstab.core.units import NUMBER, STIFFNESS, Dimension
 from jaxstab.stability.eigenpair import Minimum, admissible_pair, descended, unit_vector
 from jaxstab.stability.solvers.base import ConeSolver, Eigenproblem
 
@@ -58,7 +58,9 @@ class ProximalIteration(ConeSolver):
         ValueError: if a tolerance, limit or step is not positive.
     """
 
-    tolerance: Scalar | None = eqx.field(converter=optional_parameter, default=None)
+    tolerance: Annotated[Scalar, NUMBER] | None = eqx.field(
+        converter=optional_parameter, default=None
+    )
     max_steps: Int[Array, ""] = eqx.field(converter=as_array, default=200_000)
     tau: Annotated[Scalar, _COMPLIANCE] | None = eqx.field(
         converter=optional_parameter, default=None
