@@ -70,8 +70,8 @@ class SpringControl(PressingControl):
         """Return the gradient plus p0, less the imbalance that rounding of the gap explains."""
         pressure = self.pressure(gap)
         lengths = jnp.abs(self.relaxed_gap) + mean(gap)
-        # A mean is rounded by some four units. If more were left to it, states along a path would be
-        # out of balance by as much, and its steps be halved in float32.
+        # A mean is rounded by some four units. If more were left to it, states along a path would
+        # be out of balance by as much, and its steps be halved in float32.
         rounding = 4 * float(jnp.finfo(gap.dtype).eps) * self.constant * lengths
         imbalance = pressure - model.held_mean_pressure(gradient, gap)
         open_part = jax.lax.stop_gradient(jnp.clip(imbalance, -rounding, rounding))
