@@ -17,7 +17,7 @@ from jaxtyping import Array, Int
 from jaxstab.branches.curve import Curve, Forces, Place, Point
 from jaxstab.contact.hessian import Hessian
 from jaxstab.core import model
-from jaxstab.core.accuracy import EQUILIBRIUM, EXACT, ROUGH
+from jaxstab.core.accuracy import ALONG_CURVES, EQUILIBRIUM, EXACT
 from jaxstab.core.checks import as_array
 from jaxstab.core.compile import program
 from jaxstab.core.control_flow import choose, zeros_of
@@ -150,7 +150,7 @@ def correct(
     """
     dtype = start.gap.dtype
     if fine is None:
-        fine = ROUGH
+        fine = ALONG_CURVES[dtype.name]
     # Numbers of one type, so that all searches share one program.
     return _newton(problem, start, ahead, near, as_array(close, dtype), as_array(fine, dtype))
 

@@ -9,7 +9,7 @@ from jaxtyping import Array, Float, Int
 
 from jaxstab.contact import Contact
 from jaxstab.contact.hessian import Block
-from jaxstab.core.accuracy import EQUILIBRIUM, NEGLIGIBLE, ROUGH
+from jaxstab.core.accuracy import ALONG_CURVES, EQUILIBRIUM, NEGLIGIBLE
 from jaxstab.core.checks import array, as_array
 from jaxstab.core.compile import program
 from jaxstab.core.control_flow import cond
@@ -101,7 +101,8 @@ def index_of(
 
     def count(modes: Block) -> LowestModes:
         # The last of the modes converges slowly, and only its sign is of use.
-        solver = _CurveDavidson(ROUGH, number=len(modes) - 1, signs_only=not precise)
+        tolerance = ALONG_CURVES[gap.dtype.name]
+        solver = _CurveDavidson(tolerance, number=len(modes) - 1, signs_only=not precise)
         return _lowest_modes(contact, load, gap, gap, modes, solver.in_precision(gap.dtype))
 
     few = count(modes)

@@ -11,7 +11,9 @@ EQUILIBRIUM = {"float64": 1e-9, "float32": 1e-4}
 EXACT = {"float64": 1e-12, "float32": 1e-6}
 # The residual of an eigenpair, over the size of the operator.
 EIGENPAIR = {"float64": 1e-7, "float32": 1e-5}
-# The residual of what only guides another search, such as its start or a tangent.
+# That of tangents and lowest modes along a curve, by which its folds and bifurcations are told.
+ALONG_CURVES = {"float64": 1e-5, "float32": 1e-4}
+# The residual of what only guides another search, such as its start.
 ROUGH = 1e-4
 # The part of a quantity below which it counts as zero, and two states as one.
 NEGLIGIBLE = {"float64": 1e-6, "float32": 1e-3}

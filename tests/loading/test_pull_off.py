@@ -8,6 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from problems import bisected, rough_contact
+from scipy.optimize import minimize_scalar
 
 import jaxstab as js
 from jaxstab.branches.limit import limit_ahead
@@ -97,6 +98,23 @@ def test_from_full_contact_the_point_under_the_largest_tension_lets_go():
 
 
 @pytest.mark.nightly
+@pytest.mark.filterwarnings("ignore::jaxstab.WindowWarning")
+def test_on_a_window_a_sphere_comes_off_where_the_pull_of_a_held_far_side_is_largest():
+    grid = js.Grid(8, (1.0, 1.0))
+    sphere = js.surfaces.paraboloid(grid, radius=1.5)
+    law = js.potentials.Gaussian(0.05, 0.3)
+    contact = js.Contact(js.FreeHalfSpace(grid, 1.0), sphere, law)
+
+    def pull(displacement):
+        return float(js.equilibrate(contact, js.FarDisplacement(displacement)).mean_pressure)
+
+    found = js.pull_off(contact)
+    largest = minimize_scalar(pull, bounds=(0.2, 0.5), method="bounded").fun
+    np.testing.assert_allclose(found.load.value, largest, rtol=1e-9)
+    # There held states go on, and lose nothing.
+    assert found.kind == "fold"
+
+
 def test_flat_surfaces_come_off_at_the_largest_attraction_wherever_it_is():
     gaps = np.linspace(0.0, 0.5, 1_000_001)
     strongest = (0.02 * gaps / 0.1**2 * np.exp(-(gaps**2) / (2 * 0.1**2))).max()
