@@ -299,7 +299,7 @@ def _next_length(
     next_length = jnp.where(
         trial.is_end, jnp.maximum(next_length, progress.next_length), next_length
     )
-    next_length = jnp.where(outcome.is_event, load_path.max_step / _FURTHER, next_length)
+    next_length = jnp.where(outcome.is_event, load_path.first_step, next_length)
     return jnp.where(outcome.is_apart | outcome.is_pulled, load_path.max_step, next_length)
 
 

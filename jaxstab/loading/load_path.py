@@ -73,6 +73,11 @@ class LoadPath(eqx.Module):
         turns = self.load.value
         return jnp.maximum((jnp.max(turns) - jnp.min(turns)) / _NUM_STEPS, self.resolution)
 
+    @property
+    def first_step(self) -> Scalar:
+        """The first step along a branch."""
+        return self.max_step / 8
+
     def at(self, value: Scalar) -> Load:
         """Return the load at a value; all else of it is the same everywhere."""
         return self.load[0].at(value)

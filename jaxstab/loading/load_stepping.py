@@ -104,7 +104,7 @@ def _first_state(load_path: LoadPath, found: Equilibrium) -> tuple[Progress, Tri
     progress = Progress(
         here=here,
         last=here,
-        next_length=load_path.max_step / 8,
+        next_length=load_path.first_step,
         bisection=Bisection(zero + jnp.inf, zero, load_path.resolution),
         leg=none,
         is_apart=no,
