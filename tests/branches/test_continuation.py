@@ -5,6 +5,7 @@ import itertools
 import signal
 from dataclasses import replace
 from functools import partial
+from types import SimpleNamespace
 
 import jax
 import jax.numpy as jnp
@@ -14,6 +15,8 @@ from brute_force import on_zero_mean, periodic_stiffness
 
 import jaxstab as js
 from jaxstab.branches import morse_index
+from jaxstab.branches.branch_steps import _closes
+from jaxstab.branches.curve import Curve, Place, Point
 from jaxstab.references import maugis
 
 
@@ -194,6 +197,27 @@ def test_bad_loads_are_refused(hertz):
 def test_a_branch_without_a_first_state_has_no_end(hertz):
     with pytest.raises(js.SolverError, match=r"ended at .*\(-2\) after 1 state: infeasible_load"):
         js.continuation(hertz, js.MeanDisplacement(jnp.array([-2.0, -1.0])), max_states=24)
+
+
+def test_a_branch_is_a_loop_once_a_step_passes_its_start():
+    law = js.potentials.Exponential(1.0, 1.0)
+    contact = js.Contact(js.HalfSpace(js.Grid((2,)), 1.0), jnp.zeros(2), law)
+    curve = Curve.of(contact, js.MeanGap(1.0))
+
+    def is_loop(*points):
+        *_, before, last = (Point(jnp.array(point), jnp.zeros(())) for point in points)
+        tangent = Point(jnp.array([1.0, 0.0]), jnp.zeros(()))
+        start = Place(Point(jnp.array(points[0]), jnp.zeros(())), jnp.ones(2, bool), tangent)
+        step = SimpleNamespace(here=SimpleNamespace(at=before))
+        return bool(_closes(curve, SimpleNamespace(start=start, step=step, count=len(points)), last))
+
+    # Steps along a circle of radius 0.1 around (1, 1.1), from its lowest point on.
+    angles = np.radians(50) * np.arange(10)
+    circle = np.stack([1 + 0.1 * np.sin(angles), 1.1 - 0.1 * np.cos(angles)], axis=1)
+    closes = [is_loop(*circle[:number]) for number in range(2, 11)]
+    assert closes == [False] * 7 + [True, False]
+    # A step back to near the start, which has not gone around.
+    assert not is_loop([1.0, 1.0], [1.1, 1.0], [1.2, 1.0], [1.3, 1.0], [1.05, 1.0])
 
 
 def two_summits(number, higher, law):

@@ -1,6 +1,8 @@
 """The fold of a branch: against dense Newton steps, finite differences, and where there is none."""
 
+from dataclasses import replace
 from functools import partial
+from importlib import import_module
 
 import jax
 import jax.numpy as jnp
@@ -289,6 +291,30 @@ def test_where_no_fold_is_the_user_is_told():
     assert jnp.isnan(jax.grad(lambda values: find(values, ends).load.value)(VALUES)).all()
     with pytest.raises(ValueError, match="takes two loads"):
         find(VALUES, 1.3)
+
+
+def is_left(contact, before, after):
+    """Return whether the branch from an end is given up where another state is found beyond."""
+    module = import_module("jaxstab.branches.critical_load")
+    loads = before.load.at(jnp.stack([before.load.value, after.load.value]))
+    search = module._begun(contact, loads, before.gap)
+    end = replace(search.limit, load=loads[0], gap=before.gap, result=js.RESULTS.successful)
+    search = replace(search, limit=end, number=search.number + 1)
+    result, is_left = module._is_left(contact, search, after)
+    assert result == "successful"
+    return bool(is_left)
+
+
+def test_energy_is_lost_in_a_jump_and_not_along_a_branch():
+    contact = two_waves(0.05)
+    one, other = (js.equilibrate(contact, js.MeanGap(value)) for value in (0.55, 0.552))
+    # The work at the force of one end is off by less than the loss that counts, and exceeds it.
+    assert not is_left(contact, one, other) and not is_left(contact, other, one)
+    load = js.MeanGap(0.53)
+    apart = js.equilibrate(contact, load, initial=1.5 - contact.heights)
+    touching = js.equilibrate(contact, load, initial=js.equilibrate(contact, js.MeanGap(0.5)))
+    assert touching.in_contact.any() and touching.energy > apart.energy
+    assert is_left(contact, touching, apart) and not is_left(contact, apart, touching)
 
 
 def test_a_long_step_to_another_branch_ends_no_search(hertz):
