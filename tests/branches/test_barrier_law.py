@@ -9,6 +9,7 @@ from dense_curve import DenseCurve, exponential
 
 import jaxstab as js
 from jaxstab.branches import BarrierLaw
+from jaxstab.branches.barrier_law import barrier_law
 
 
 def line(n, law, height, *others, phase=0):
@@ -177,3 +178,26 @@ def test_in_another_unit_of_pressure_law_and_range_are_the_same(unit):
     np.testing.assert_allclose(changed.range * per_unit, law.range)
     np.testing.assert_allclose(changed.barrier(changed.range) * 8, law.barrier(law.range))
     assert f"range={float(changed.range):.6g}" in repr(changed)
+
+
+def test_in_another_unit_of_length_the_law_is_the_same(sticky_loop):
+    contact, path = sticky_loop
+    fold = js.critical_load(contact, js.MeanGap(jnp.array([0.25, 0.02])))
+    assert fold.kind == "fold"
+    state = fold.equilibrium
+    nowhere = jnp.zeros(16, bool)
+
+    def law_in(unit):
+        solid = js.HalfSpace(js.Grid((16,), (unit,)), youngs_modulus=1.0, poisson_ratio=0.0)
+        law = js.potentials.Exponential(0.05 * unit, 0.05 * unit)
+        scaled = js.Contact(solid, contact.heights * unit, law)
+        load = js.MeanGap(state.load.value * unit)
+        mode = fold.critical.mode
+        return barrier_law(scaled, load, state.gap * unit, fold.kind, mode, nowhere)
+
+    one, other = jax.jit(law_in)(1.0), jax.jit(law_in)(1e6)
+    np.testing.assert_allclose(one.range, path.jumps[0].barrier_law.range, rtol=1e-4)
+    np.testing.assert_allclose(other.range, one.range * 1e6, rtol=1e-6)
+    # On a line areas are lengths, and energies go with their square.
+    barrier = one.barrier(one.range)
+    np.testing.assert_allclose(other.barrier(other.range), barrier * 1e12, rtol=1e-6)

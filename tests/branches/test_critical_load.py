@@ -9,6 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from brute_force import periodic_stiffness, smallest_on_critical_cone
+from dense_curve import DenseCurve, exponential
 from problems import bisected
 from programs import compilations
 
@@ -291,6 +292,26 @@ def test_where_no_fold_is_the_user_is_told():
     assert jnp.isnan(jax.grad(lambda values: find(values, ends).load.value)(VALUES)).all()
     with pytest.raises(ValueError, match="takes two loads"):
         find(VALUES, 1.3)
+
+
+@pytest.mark.filterwarnings("ignore::jaxstab.ResolutionWarning")
+@pytest.mark.parametrize("unit", [1.0, 1e-9])
+def test_in_any_unit_a_release_lies_where_the_dense_curve_turns(unit):
+    energy = length = 0.05
+    x = 2 * np.pi * np.arange(16) / 16
+    heights = -0.05 * (1 + np.cos(x + 0.2) + 0.3 * np.cos(2 * x))
+    law = js.potentials.Exponential(energy * unit, length * unit)
+    contact = js.Contact(js.HalfSpace(js.Grid((16,), (unit,)), 1.0), heights * unit, law)
+    ends = jnp.array([0.1, 0.25]) * unit
+    found = js.critical_load(contact, js.MeanGap(ends))
+    stiffness = periodic_stiffness((16,), (1.0,), 1.0)
+    curve = DenseCurve(stiffness, heights, *exponential(energy, length), (1, 0, 0))
+    start = js.equilibrate(contact, js.MeanGap(ends[0]))
+    gap = np.asarray(start.gap) / unit
+    curve.follow(gap, float(start.mean_pressure), 0.25, 1e-3, max_events=1)
+    ((kind, value),) = curve.events
+    assert found.kind.name == kind == "release"
+    np.testing.assert_allclose(found.load.value / unit, value, rtol=1e-8)
 
 
 def is_left(contact, before, after):

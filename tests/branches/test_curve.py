@@ -7,6 +7,7 @@ from brute_force import periodic_stiffness
 from dense_curve import DenseCurve, exponential
 
 import jaxstab as js
+from jaxstab.branches.curve import Curve, Point
 
 # Heights at which a step over several changes of contact was seen to cross to another branch.
 HEIGHTS = 1e-4 * np.fromstring(
@@ -39,6 +40,25 @@ def assert_same(branch, curve):
     np.testing.assert_allclose(branch.turns.load.value, values, rtol=1e-7)
 
 
+def test_the_size_of_pressures_is_that_of_a_dense_operator_in_any_unit():
+    state = js.equilibrate(line(EIGHT, 0.466, 0.2), js.MeanGap(0.4))
+    assert not state.in_contact.any()
+    elastic = periodic_stiffness((8,), (1.0,), 1.0) @ np.asarray(state.gap + EIGHT)
+    least = []
+    for unit in (1.0, 1e3):
+        curve, flat = (
+            Curve.of(line(heights, 0.466, 0.2, of_pressure=unit), js.MeanGap(0.4))
+            for heights in (EIGHT, 0 * EIGHT)
+        )
+        at = Point(state.gap, state.mean_pressure * unit)
+        # Elastic pressures balance the others.
+        size = curve.forces(at, state.gap > 0).scale
+        np.testing.assert_allclose(size, unit * np.sqrt(2 * np.mean(elastic**2)), rtol=1e-6)
+        least.append([curve.least_scale / unit, flat.least_scale / unit])
+    np.testing.assert_allclose(least[1], least[0])
+    assert np.min(least) > 0
+
+
 @pytest.mark.filterwarnings("ignore::jaxstab.ResolutionWarning")
 def test_it_crosses_to_no_other_branch_depends_on_no_unit_and_ends_where_a_point_touches():
     ends = jnp.array([0.4342, 0.0042])
@@ -60,6 +80,18 @@ def test_it_crosses_to_no_other_branch_depends_on_no_unit_and_ends_where_a_point
     found = js.continuation(contact, js.MeanDisplacement(jnp.stack([ends[0], touch])))
     assert found.end == "load"
     np.testing.assert_allclose(found.load.value[-1], touch, rtol=1e-12)
+
+
+def test_on_many_points_a_step_passes_several_changes_and_stays_on_the_curve():
+    x = 2 * np.pi * np.arange(128) / 128
+    heights = -0.02 * (np.cos(x) + 0.3 * np.cos(2 * x + 1))
+    contact = line(heights, 1e-4, 0.1)
+    branch = js.continuation(contact, js.MeanGap(jnp.array([0.002, 0.004])), fields=True)
+    touching = np.sum(branch.equilibrium.gap == 0, axis=1)
+    assert branch.end == "load" and touching[0] - touching[-1] > 10
+    assert np.abs(np.diff(touching)).max() == 2
+    last = js.equilibrate(contact, js.MeanGap(0.004))
+    np.testing.assert_allclose(branch.equilibrium.gap[-1], last.gap, atol=1e-7)
 
 
 @pytest.mark.nightly
