@@ -70,7 +70,7 @@ def _cycle(
     """Return the vector of the Krylov space that minimizes the residual, and the residual then."""
     norm = jnp.linalg.norm(left)
     vectors = jnp.zeros((_NUM_VECTORS + 1, left.size), left.dtype)
-    vectors = vectors.at[0].set(left / jnp.where(norm > 0, norm, 1))
+    vectors = vectors.at[0].set(left / norm)
     hessenberg = jnp.zeros((_NUM_VECTORS + 1, _NUM_VECTORS), left.dtype)
     first = jnp.zeros(_NUM_VECTORS + 1, left.dtype).at[0].set(1)
 

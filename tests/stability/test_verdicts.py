@@ -207,10 +207,14 @@ def test_contact_holds_nothing_where_the_critical_eigenvalue_is_zero(quadratic):
     free = ~touches.ravel()
     stiffness = dense_hessian(quadratic(0.0), gap)[np.ix_(free, free)]
     contact = quadratic(smallest_on_zero_mean(stiffness))
-    stability = js.assess_stability(*state_of(contact, gap))
+    state = state_of(contact, gap)
+    stability = js.assess_stability(*state)
     assert stability.cone.eigenvalue < -0.01
     assert stability.critical.eigenvalue == pytest.approx(0, abs=1e-12)
     assert stability.verdict == "undecided"
+    # A zero proves no verdict: no search stops at it.
+    quick = js.assess_stability(*state, verdict_only=True)
+    assert quick.cone.eigenvalue == pytest.approx(float(stability.cone.eigenvalue))
 
 
 def test_a_point_without_reaction_may_lift_off(quadratic):
