@@ -241,6 +241,29 @@ def test_algorithm_1_without_a_fixed_mean_has_no_multiplier_of_it():
     assert pair.eigenvalue == pytest.approx(lowest, rel=1e-6)
 
 
+def test_a_step_of_davidsons_method_is_the_dense_one():
+    random = np.random.default_rng(0)
+    matrix = random.normal(size=(20, 20))
+    matrix += matrix.T
+    inverse = np.diag(random.uniform(0.1, 1, 20))
+    start = random.normal(size=20)
+    basis = start[:, None]
+    # The start, and three preconditioned residuals, one after another.
+    for _ in range(4):
+        axes = np.linalg.qr(basis)[0]
+        values, parts = np.linalg.eigh(axes.T @ matrix @ axes)
+        lowest = axes @ parts[:, 0]
+        residual = matrix @ lowest - values[0] * lowest
+        basis = np.column_stack([basis, inverse @ residual])
+    operator = Dense(jnp.asarray(matrix), jnp.asarray(inverse))
+    space = Subspace(jnp.ones(20, bool), fixes_mean=False)
+    found = js.Davidson(max_steps=2).solve(operator, space, jnp.asarray(start)[None])
+    vector = found.vector[0]
+    np.testing.assert_allclose(vector * np.sign(vector @ lowest), lowest, atol=1e-10)
+    left = np.linalg.norm(residual) / np.linalg.norm(matrix, 2)
+    np.testing.assert_allclose(found.history.values["residual"][2], left, rtol=1e-8)
+
+
 @pytest.mark.parametrize("kind", [js.PreconditionedConjugateGradient, js.ProjectedLOBPCG])
 def test_a_solver_prints_its_numbers(kind):
     shown = repr(kind(tolerance=1e-3, max_steps=7))
