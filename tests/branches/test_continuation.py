@@ -234,7 +234,7 @@ def test_it_records_a_bifurcation_where_a_symmetric_mode_loses_its_stiffness(hig
     contact = two_summits(12, higher, law)
     loads = js.MeanDisplacement(jnp.array([0.5, 0.325]))
     branch = js.continuation(contact, loads)
-    assert branch.end == "load"
+    assert branch.end == "load" and branch.equilibrium.gap is None
     assert branch.turns.kind.name.tolist() == ["bifurcation"]
     turn = jax.tree.map(lambda leaf: leaf[0], branch.turns)
     assert (np.asarray(branch.index) == (np.arange(len(branch)) >= turn.state)).all()

@@ -14,6 +14,7 @@ import jaxstab as js
 from jaxstab.contact.hessian import Hessian, SymmetricOperator
 from jaxstab.stability.cones import AdmissibleCone, Subspace
 from jaxstab.stability.eigenpair import measured
+from jaxstab.stability.lowest_pair import mode_on_cone
 from jaxstab.stability.solvers.base import noise
 
 
@@ -239,6 +240,27 @@ def test_algorithm_1_without_a_fixed_mean_has_no_multiplier_of_it():
     pair = measured(operator, cone, found, found.vector)
     assert found.result == js.RESULTS.successful
     assert pair.eigenvalue == pytest.approx(lowest, rel=1e-6)
+
+
+@pytest.mark.parametrize("sign", [1, -1])
+def test_where_the_lowest_mode_lies_in_the_cone_it_is_the_answer(sign):
+    curvature = jnp.asarray(np.random.default_rng(0).uniform(-3, 1, (4, 4)))
+    hessian = Hessian(js.HalfSpace(js.Grid(4), 1.0), curvature)
+    dense = jax.vmap(hessian)(jnp.eye(16).reshape(16, 4, 4)).reshape(16, 16)
+    values, vectors = np.linalg.eigh(dense)
+    modes = sign * vectors.T[:2].reshape(2, 4, 4)
+    # The next mode, from which no search would go on, lies in it as well.
+    cone = AdmissibleCone(jnp.asarray((sign * modes > 0).all(axis=0)), fixes_mean=False)
+    assert cone.one_sided.sum() > 2
+    random = jax.random.normal(jax.random.key(0), (2, 4, 4))
+    solver = js.ProjectedLOBPCG()
+    found, is_answer = mode_on_cone(
+        solver, hessian, cone, js.RESULTS.successful, jnp.asarray(modes), random
+    )
+    assert is_answer
+    pair = measured(hessian, cone, found, found.vector)
+    assert pair.eigenvalue == pytest.approx(values[0], rel=1e-12)
+    np.testing.assert_allclose(pair.mode, sign * modes[0], atol=1e-8)
 
 
 def test_a_step_of_davidsons_method_is_the_dense_one():
