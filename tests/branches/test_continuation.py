@@ -209,7 +209,9 @@ def test_a_branch_is_a_loop_once_a_step_passes_its_start():
         tangent = Point(jnp.array([1.0, 0.0]), jnp.zeros(()))
         start = Place(Point(jnp.array(points[0]), jnp.zeros(())), jnp.ones(2, bool), tangent)
         step = SimpleNamespace(here=SimpleNamespace(at=before))
-        return bool(_closes(curve, SimpleNamespace(start=start, step=step, count=len(points)), last))
+        return bool(
+            _closes(curve, SimpleNamespace(start=start, step=step, count=len(points)), last)
+        )
 
     # Steps along a circle of radius 0.1 around (1, 1.1), from its lowest point on.
     angles = np.radians(50) * np.arange(10)

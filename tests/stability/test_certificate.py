@@ -4,7 +4,13 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from brute_force import dense_hessian, matrix_of, smallest_on_cone, smallest_on_zero_mean
+from brute_force import (
+    dense_hessian,
+    matrix_of,
+    periodic_stiffness,
+    smallest_on_cone,
+    smallest_on_zero_mean,
+)
 from problems import DenseSolid, rough_contact, state_of
 
 import jaxstab as js
@@ -47,6 +53,25 @@ def test_a_bound_is_never_above_the_minimum_and_proves_what_the_lower_bound_does
         below = smallest_on_zero_mean(matrix) - stability.lower_bound.bound
         assert -rounding <= below <= 2 * stability.lower_bound.error + rounding
     assert certified >= 5
+
+
+def test_a_certificate_is_the_least_eigenvalue_of_a_stiffened_matrix(judged):
+    stiffness = periodic_stiffness(SHAPE, (1.0, 1.0), 1.0)
+    values, waves = np.linalg.eigh(stiffness)
+    certified = [x for x in judged if x[2].lower_bound.eigenvalue < 0 < x[2].cone.bound]
+    for contact, state, stability in certified:
+        touches = np.asarray(state.in_contact).ravel()
+        hessian = dense_hessian(contact, state.gap)
+        adhesion = np.mean(np.diag(hessian - stiffness)[touches])
+        for share in (0.5, 0.25):
+            level = share * float(stability.cone.eigenvalue) - adhesion
+            kernel = waves * np.maximum(level - values, 0) @ waves.T
+            softening = (kernel[0, 0] - kernel) * np.outer(touches, touches)
+            assert softening.min() > -1e-12
+            least = smallest_on_zero_mean(hessian - softening)
+            if least > 0:
+                break
+        assert 0 <= least - stability.cone.bound < 1e-5 * np.linalg.norm(hessian, 2)
 
 
 def test_what_is_only_found_is_said_to_hold_locally(judged):
