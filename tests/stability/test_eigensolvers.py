@@ -16,6 +16,7 @@ from jaxstab.stability.cones import AdmissibleCone, Subspace
 from jaxstab.stability.eigenpair import measured
 from jaxstab.stability.lowest_pair import mode_on_cone
 from jaxstab.stability.solvers.base import noise
+from jaxstab.stability.solvers.davidson import _Span
 
 
 class Dense(SymmetricOperator):
@@ -261,6 +262,20 @@ def test_where_the_lowest_mode_lies_in_the_cone_it_is_the_answer(sign):
     pair = measured(hessian, cone, found, found.vector)
     assert pair.eigenvalue == pytest.approx(values[0], rel=1e-12)
     np.testing.assert_allclose(pair.mode, sign * modes[0], atol=1e-8)
+
+
+def test_of_a_vector_that_may_be_noise_the_part_apart_from_a_space_is_kept():
+    random = np.random.default_rng(0)
+    basis = np.linalg.qr(random.normal(size=(20, 5)))[0]
+    matrix = jnp.eye(5)
+    block = jnp.asarray(basis.T)
+    span = _Span(block, block, matrix, matrix, matrix)
+    vector = random.normal(size=20)
+    rest = vector - basis @ (basis.T @ vector)
+    for sign in (1, -1):
+        np.testing.assert_allclose(span._apart_from(sign * vector), sign * rest, atol=1e-12)
+    # Nothing is left of one within the space but rounding.
+    np.testing.assert_array_equal(span._apart_from(basis @ random.normal(size=5)), 0)
 
 
 def test_a_step_of_davidsons_method_is_the_dense_one():
