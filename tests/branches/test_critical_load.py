@@ -329,7 +329,7 @@ def is_left(contact, before, after):
 def test_energy_is_lost_in_a_jump_and_not_along_a_branch():
     contact = two_waves(0.05)
     one, other = (js.equilibrate(contact, js.MeanGap(value)) for value in (0.55, 0.552))
-    # The work at the force of one end is off by less than the loss that counts, and exceeds it.
+    # The work between them exceeds the loss that counts; its error, from one end, does not.
     assert not is_left(contact, one, other) and not is_left(contact, other, one)
     load = js.MeanGap(0.53)
     apart = js.equilibrate(contact, load, initial=1.5 - contact.heights)

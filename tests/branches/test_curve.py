@@ -68,7 +68,7 @@ def test_it_crosses_to_no_other_branch_depends_on_no_unit_and_ends_where_a_point
     assert branch.end == end == "load"
     assert len(curve.events) == 12
     assert_same(branch, curve)
-    length, pressure = 1e6, 1e-9
+    length, pressure = 1e-6, 1e9
     other = js.continuation(
         line(HEIGHTS, 0.0939, 0.1, length, pressure), js.MeanDisplacement(ends * length)
     )
