@@ -26,13 +26,13 @@ from jaxstab.calibration.least_squares import (
     directions,
 )
 from jaxstab.calibration.measured_curve import Parts, means_of
-from jaxstab.calibration.model import ZEROS, Model, Order, Pick, Where, values_of
+from jaxstab.calibration.model import Model, Order, Pick, Where, values_of
 from jaxstab.calibration.result import Calibration, describe, profile_of
 from jaxstab.calibration.search import Plan, Search, num_fits
+from jaxstab.calibration.zeros import Zeros
 from jaxstab.contact import Contact, require_contact
 from jaxstab.contact.resolution import warn_if_coarse
 from jaxstab.core.checks import (
-    array,
     integer,
     is_traced,
     is_transformed,
@@ -57,9 +57,6 @@ _LARGEST_LOSS = 0.25
 # A parameter is at its bound if its logarithm is so far from its start, or its error so large.
 _BOUND = np.log(1e3)
 _LARGEST_ERROR = 10.0
-# The places of offset and baseline among the parameters, from the end.
-_OFFSET = -3
-_BASELINE = -2
 # Rounding of a mean, over the norm and the number of measurements.
 _ROUNDING = np.finfo(float).eps
 
@@ -113,10 +110,11 @@ def calibrate(
 
     Of a `jaxstab.force_curves.ForceCurve`, corrected first unless it is already, means over short
     steps of the height are fitted, in the units of the contact, with weights from their numbers of
-    points; the contact point, the baseline and its tilt are parameters too. As
+    points; the contact point, the baseline and its tilt over the height are parameters too. Both
+    segments have a baseline each, and the drift of the heights is another parameter. As
     `jaxstab.FarDisplacement` the load is the tip position, so that the fit passes jumps that a soft
     cantilever makes; as `jaxstab.Spring` it is the height, and the contact must jump where the
-    curve does.
+    curve does. An error of the baseline moves the tip position as well.
 
     Arguments:
         contact: the contact with the parameters to start from.
@@ -133,7 +131,8 @@ def calibrate(
         offset: fit the zero of the loads, the contact point of a measured curve; by default only of
             a force curve.
         baseline: fit the zero of the measurements: a constant force or pressure, or "linear" for
-            one with a tilt, baseline + tilt load. By default "linear" for a force curve, else none.
+            one with a tilt, baseline + tilt load, of a force curve over the height in place of the
+            load. By default "linear" for a force curve, else none.
         weights: w, one over the variance of each measurement up to a common factor; all equal by
             default.
         where: selects the parameters to fit from a contact, as in `equinox.tree_at`; by default all
@@ -175,7 +174,7 @@ def calibrate(
     require_contact(contact)
     loads: Any = load
     given = mean_pressure
-    shifts = 0.0
+    zeros = None
     noise = None
     if isinstance(given, ForceCurves):
         raise TypeError(f"There are {len(given)} force curves: fit them by `calibrate_each`.")
@@ -183,7 +182,7 @@ def calibrate(
     if is_curve:
         if forces is not None or weights is not None:
             raise ValueError("A force curve brings its own forces and weights: leave these out.")
-        loads, forces, weights, shifts, noise = means_of(contact, load, given, segment, points)
+        loads, forces, weights, zeros, noise = means_of(contact, load, given, segment, points)
         given = None
     if offset is None:
         offset = is_curve
@@ -218,17 +217,27 @@ def calibrate(
         area = jnp.ones(())
     else:
         given = forces
-    zeros = {}
-    if offset:
-        zeros["offset"] = loads.unit or NUMBER
-    if baseline:
-        zeros["baseline"] = of_baseline
-    if is_tilted:
-        zeros["tilt"] = of_tilt
     measured = Measured.of(loads, given, weights, area, bool(baseline))
+    if zeros is None:
+        zeros = Zeros.over(loads)
+    of_load = loads.unit or NUMBER
+    dimensions = {}
+    if offset:
+        dimensions["offset"] = of_load
+    if baseline:
+        dimensions["baseline"] = of_baseline
+    if is_tilted:
+        dimensions["tilt"] = of_tilt
+    if zeros.drift_error is None:
+        dimensions["drift"] = of_load
+    fitted = {
+        name: dimensions[kind]
+        for name, kind in zip(zeros.names, zeros.kinds, strict=True)
+        if kind in dimensions
+    }
     pick = Pick.of(where, contact)
     w = measured.weights
-    count = len(pick.names) + len(zeros)
+    count = len(pick.names) + len(fitted)
     weighed = w.size
     if not is_traced(w):
         weighed = int(jnp.sum(w > 0))
@@ -250,9 +259,9 @@ def calibrate(
         area,
         tolerance,
         max_steps,
-        array(np.broadcast_to(shifts, w.shape)),
+        zeros,
         where=pick,
-        zeros=tuple(zeros.items()),
+        fitted=tuple(fitted.items()),
         order=order,
         starts=starts,
     )
@@ -271,8 +280,7 @@ class _Inputs(eqx.Module):
     """All that a fit depends on.
 
     Attributes:
-        shifts: of the loads by one standard error that they have in common.
-        zeros: those of `ZEROS` that are fitted, with their dimensions.
+        fitted: the names of the zeros that are fitted, with their dimensions.
     """
 
     contact: Contact
@@ -280,9 +288,9 @@ class _Inputs(eqx.Module):
     area: Scalar
     tolerance: Scalar | None
     max_steps: ArrayLike
-    shifts: Curve
+    zeros: Zeros
     where: Pick = eqx.field(static=True)
-    zeros: tuple[tuple[str, str], ...] = eqx.field(static=True)
+    fitted: tuple[tuple[str, str], ...] = eqx.field(static=True)
     order: Order = eqx.field(static=True)
     starts: int | None = eqx.field(static=True)
 
@@ -290,9 +298,19 @@ class _Inputs(eqx.Module):
         """Return the contact as a function of its parameters, and the fits to make."""
         inputs: Any = refuse_derivatives(self)
         values, unravel = values_of(self.where(inputs.contact))
-        model = Model(inputs.contact, self.where, unravel, inputs.measured.load, self.order)
-        start = jnp.concatenate([values, jnp.zeros(len(ZEROS))])
-        is_fitted = np.array([True] * values.size + [name in dict(self.zeros) for name in ZEROS])
+        zeros = inputs.zeros
+        model = Model(
+            contact=inputs.contact,
+            where=self.where,
+            unravel=unravel,
+            loads=inputs.measured.load,
+            zeros=zeros,
+            area=inputs.area,
+            order=self.order,
+        )
+        start = jnp.concatenate([values, jnp.zeros(len(zeros.names))])
+        known = dict(self.fitted)
+        is_fitted = np.array([True] * values.size + [name in known for name in zeros.names])
         problem = FitProblem(model.curve, start, inputs.measured, inputs.tolerance)
         is_profiled = (start > 0) & is_fitted
         return model, Plan(problem, ~is_fitted, is_profiled, self.starts, inputs.max_steps)
@@ -356,24 +374,21 @@ def _finish(inputs: _Inputs, found: Search) -> tuple[Calibration, Hints]:
     problem = plan.problem
     best = found.best.point
     is_fitted = ~plan.held
-    # The baseline and its tilt are fitted as mean pressures.
-    units = jnp.ones(is_fitted.size).at[-2:].set(inputs.area)
-    parameters = problem.values(best.free) * units
-    errors = _errors_of(plan, found, inputs.shifts, units)
+    values = problem.values(best.free)
+    parameters, zeros = model.parts(values)
+    errors = _errors_of(plan, found, inputs.zeros)
+    standard_errors, zero_errors = model.parts(errors.standard)
+    by_kind = inputs.zeros.by_kind
     result = RESULTS.where(
         _is_unfit(plan, best, errors) & jnp.isfinite(best.loss), RESULTS.no_fit, found.result
     )
-    zeros = dict(inputs.zeros)
+    fitted = dict(inputs.fitted)
     fit = Calibration(
-        contact=model.contact_at(parameters),
-        parameters=model.unravel(parameters[: -len(ZEROS)]),
-        standard_errors=model.unravel(errors.standard[: -len(ZEROS)]),
-        offset=parameters[_OFFSET],
-        offset_error=errors.standard[_OFFSET],
-        baseline=parameters[_BASELINE],
-        baseline_error=errors.standard[_BASELINE],
-        tilt=parameters[-1],
-        tilt_error=errors.standard[-1],
+        contact=model.contact_at(values),
+        parameters=model.unravel(parameters),
+        standard_errors=model.unravel(standard_errors),
+        **by_kind(zeros),
+        **{f"{kind}_error": error for kind, error in by_kind(zero_errors).items()},
         covariance=errors.covariance[is_fitted][:, is_fitted],
         mean_pressure=best.mean_pressure,
         load=problem.measured.load,
@@ -387,10 +402,10 @@ def _finish(inputs: _Inputs, found: Search) -> tuple[Calibration, Hints]:
         result=result,
         losses=found.starts.losses,
         results=found.starts.results,
-        names=(*inputs.where.names, *zeros),
-        dimensions=(*inputs.where.dimensions, *zeros.values()),
+        names=(*inputs.where.names, *fitted),
+        dimensions=(*inputs.where.dimensions, *fitted.values()),
     )
-    return fit, _hints_of(plan, found, units)
+    return fit, _hints_of(plan, found, inputs.zeros)
 
 
 class _Errors(NamedTuple):
@@ -407,22 +422,24 @@ class _Errors(NamedTuple):
     covariance: Float[Array, "parameters parameters"]
 
 
-def _errors_of(plan: Plan, found: Search, shifts: Curve, units: Values) -> _Errors:
+def _errors_of(plan: Plan, found: Search, zeros: Zeros) -> _Errors:
     """Return the errors of the parameters.
 
     They are those of the slopes of the curve, raised to those of the profile, and added to them is
-    what the error does that the loads have in common.
+    the effect of the error of a drift that is not fitted, which the loads have in common.
     """
     problem = plan.problem
     best = found.best.point
     slopes = problem.slopes(best.free)
     of_slopes = directions(problem, best, plan.held).covariance
     relative = jnp.sqrt(jnp.diag(of_slopes))
-    of_profile = found.errors(problem, plan.held, relative * slopes) * units
+    of_profile = found.errors(problem, plan.held, relative * slopes)
     factors = jnp.where(relative > 0, of_profile / relative, 0)
-    # To shift the loads is to shift their zero the other way.
-    shifted = replace(best, misfit=best.jacobian[:, _OFFSET] * shifts)
-    in_common = directions(problem, shifted, plan.held).newton * slopes * units
+    in_common = jnp.zeros_like(relative)
+    if zeros.drift_error is not None:
+        # The drift is the last of the zeros.
+        shifted = replace(best, misfit=best.jacobian[:, -1] * zeros.drift_error)
+        in_common = directions(problem, shifted, plan.held).newton * slopes
     return _Errors(
         standard=jnp.hypot(of_profile, in_common),
         relative=relative,
@@ -443,19 +460,21 @@ def _is_unfit(plan: Plan, best: Evaluation, errors: _Errors) -> Flag:
     return is_far | jnp.any(is_at_bound & problem.is_log & is_fitted) | ~is_known
 
 
-def _hints_of(plan: Plan, found: Search, units: Values) -> Hints:
+def _hints_of(plan: Plan, found: Search, zeros: Zeros) -> Hints:
     """Return what a Gauss-Newton step of all variables, offset and baseline too, hints at."""
     best = found.best.point
     # A tilt is not advised: what looks like one may be the far end of an attraction.
-    zeros = np.array([_OFFSET, _BASELINE])
+    kinds = np.array(zeros.kinds)
+    advised = ("offset", "baseline")
     is_held = plan.held.copy()
-    is_held[zeros] = False
+    is_held[-len(kinds) :] &= ~np.isin(kinds, advised)
     step = directions(plan.problem, best, is_held).newton
     left = best.misfit - best.jacobian @ step
+    missing = (step * plan.held)[-len(kinds) :]
     basis = _basis(best, ~plan.held)
     return Hints(
         guess=found.guess,
-        zeros=-step[zeros] * units[zeros] * plan.held[zeros],
+        zeros=-jnp.stack([jnp.mean(missing[kinds == kind]) for kind in advised]),
         drop=1 - jnp.sum(left**2) / (2 * best.loss),
         relief=_relief(best, basis),
         drift=_drift(best, basis, plan.problem.measured.roots),

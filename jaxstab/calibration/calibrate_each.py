@@ -51,7 +51,7 @@ class Calibrations:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """The names of the fitted parameters, as those of `Calibration`."""
+        """The names of the fitted parameters, as those of the first `Calibration`."""
         return next(fit.names for fit in self.fits if fit is not None)
 
     @property
@@ -66,7 +66,7 @@ class Calibrations:
         ]
 
     def values(self, name: str) -> np.ndarray:
-        """Return a fitted parameter, NaN where there is no fit: a map if the curves are of one.
+        """Return a fitted parameter, NaN where none was fitted: a map if the curves are of one.
 
         Arguments:
             name: one of `names`, as "solid.youngs_modulus".
@@ -110,11 +110,10 @@ class Calibrations:
 
     def _arranged(self, name: str, row: int) -> np.ndarray:
         require_one_of("The parameter", name, self.names)
-        place = self.names.index(name)
         values = np.full(len(self.fits), np.nan)
         for i, fit in enumerate(self.fits):
-            if fit is not None:
-                values[i] = numbers_of(fit)[row][place]
+            if fit is not None and name in fit.names:
+                values[i] = numbers_of(fit)[row][fit.names.index(name)]
         if self.curves.shape is None:
             return values
         return self.curves.on_map(values)

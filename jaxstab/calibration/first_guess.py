@@ -127,9 +127,9 @@ def first_guess(
     part: Parts = segment
     if segment == "both":
         part = "retraction"
-    tip, forces, weights, _, constant = columns_of(curve, part, 40, is_spring=False)
-    is_there = weights > 0
-    measured = -tip[is_there], forces[is_there], np.sqrt(weights[is_there])
+    (means,), constant, _ = columns_of(curve, part, 40, is_spring=False)
+    is_there = means.weights > 0
+    measured = -means.tips[is_there], means.forces[is_there], np.sqrt(means.weights[is_there])
     sphere = _fitted(*measured, radius * length, part)
     depth = max(float(np.max(measured[0])) - sphere.contact_point, 0.0)
     if unlikely := _unlikely(radius * length, depth, constant, curve.unit):

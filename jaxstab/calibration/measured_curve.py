@@ -4,11 +4,12 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
+from jaxstab.calibration.zeros import Zeros
 from jaxstab.contact import Contact
-from jaxstab.core.checks import in_words, integer, require, require_one_of
+from jaxstab.core.checks import array, in_words, integer, require, require_one_of
 from jaxstab.core.units import LENGTHS, PRESSURES
 from jaxstab.force_curves import Baseline, ForceCurve, Segment
-from jaxstab.force_curves.correction import clocks_of, ends_of
+from jaxstab.force_curves.correction import Correction, clocks_of, ends_of
 from jaxstab.force_curves.segment import SIGNIFICANT
 from jaxstab.loads import FarDisplacement, Load, Spring
 
@@ -41,17 +42,29 @@ _ABOVE_NOISE = 10.0
 _LEAST_SLOPE = 0.02
 
 
+class Columns(NamedTuple):
+    """Means over points of a segment, in the order of the measurement, in SI units.
+
+    The weights are one over the variance of the forces. The clocks are times or numbers of points.
+    """
+
+    heights: np.ndarray
+    tips: np.ndarray
+    forces: np.ndarray
+    weights: np.ndarray
+    clocks: np.ndarray
+
+
 class Means(NamedTuple):
     """Means over points of a curve, in the order of the measurement, in units of the contact.
 
-    The shifts are those of the loads by one standard error of the drift, the noise is the standard
-    error of a force of weight one.
+    The noise is the standard error of a force of weight one.
     """
 
     load: Load
     forces: np.ndarray
     weights: np.ndarray
-    shifts: np.ndarray
+    zeros: Zeros
     noise: float
 
 
@@ -64,7 +77,11 @@ def means_of(
     straight within a step; none extends over a jump of the tip. An error of the force moves the
     tip position too, and the force of the contact with it. Where the slope of the tip position
     over the height is s, this makes the misfit 1 / s times larger, so for a `FarDisplacement` the
-    weights are the numbers of points times s^2.
+    weights are the numbers of points times s^2. What is left of a baseline moves the tip position
+    as well, by the compliance of the cantilever.
+
+    Each segment has a baseline of its own. How far the heights drift between two segments follows
+    from the fit to both; the fit to one has the drift of the correction.
 
     Arguments:
         contact: the contact, with units.
@@ -92,24 +109,45 @@ def means_of(
     if units.sides == 1:
         raise ValueError("The contact is a line, on which forces are per length: give a plane.")
     is_spring = kind is Spring
-    positions, forces, weights, shifts, constant = columns_of(curve, parts, points, is_spring)
+    found, constant, correction = columns_of(curve, parts, points, is_spring)
+    heights, tips, forces, weights, clocks = map(np.concatenate, zip(*found, strict=True))
     length = 10.0 ** -LENGTHS[units.length]
     force = 10.0 ** -(PRESSURES[units.pressure] + 2 * LENGTHS[units.length])
+    constant *= force / length
+    compliance = 0.0
     if is_spring:
-        load = Spring.cantilever(positions * length, constant * force / length, contact.grid)
+        load = Spring.cantilever(heights * length, constant, contact.grid)
     else:
-        load = FarDisplacement(positions * length)
+        load = FarDisplacement(tips * length)
+        compliance = 1 / constant
+    segments = ()
+    is_in = np.ones((1, len(forces)), bool)
+    # A retraction that has not detached shares the baseline of the approach.
+    if parts == "both" and correction.approach != correction.retraction:
+        segments = _PARTS[parts]
+        is_approach = np.arange(len(forces)) < len(found[0].forces)
+        is_in = np.stack([is_approach, ~is_approach])
+    span = float(np.ptp(clocks)) or 1.0
+    drift_error = None
+    if parts != "both":
+        removed = correction.removes_drift and correction.drift_error
+        drift_error = array((removed or 0.0) * span * length)
+    zeros = Zeros(
+        heights=array(heights * length),
+        is_in=array(is_in),
+        clocks=array(clocks / span),
+        compliance=array(compliance),
+        drift_error=drift_error,
+        segments=segments,
+    )
     noise = force / np.sqrt(np.max(weights))
-    return Means(load, forces * force, weights / np.max(weights), shifts * length, noise)
+    return Means(load, forces * force, weights / np.max(weights), zeros, noise)
 
 
 def columns_of(
     curve: ForceCurve, parts: Parts, points: int, is_spring: bool
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, float]:
-    """Return positions, forces, weights and shifts of means in SI units, and the spring constant.
-
-    The weights are one over the variance of the forces.
-    """
+) -> tuple[list[Columns], float, Correction]:
+    """Return means over segments, the spring constant and the correction, all in SI units."""
     require_one_of("segment", parts, _PARTS)
     require("points", integer("points", points), points >= 4, "give at least 4.")
     ends = ends_of(curve.segments)
@@ -130,14 +168,11 @@ def columns_of(
     curve = curve.in_units("m", "N")
     correction = curve.correction
     assert correction is not None
-    drift_error = 0.0
-    if correction.removes_drift and correction.drift_error is not None:
-        drift_error = correction.drift_error
     clocks = clocks_of(curve.segments)
     found = [
         _means(
             curve.segments[name],
-            drift_error * clocks[name],
+            clocks[name],
             getattr(correction, name),
             points,
             is_spring,
@@ -145,19 +180,18 @@ def columns_of(
         )
         for name in _PARTS[parts]
     ]
-    positions, forces, weights, shifts = map(np.concatenate, zip(*found, strict=True))
-    return positions, forces, weights, shifts, constant
+    return found, constant, correction
 
 
 def _means(
     segment: Segment,
-    shifts: np.ndarray,
+    clocks: np.ndarray,
     line: Baseline,
     points: int,
     is_spring: bool,
     constant: float,
-) -> tuple[np.ndarray, ...]:
-    """Return means of positions and forces, weights and shifts, in the order of the measurement.
+) -> Columns:
+    """Return means over the points of a segment.
 
     A mean over points of a curved F exceeds F at their mean position by half its second derivative
     times the variance of the positions: that is subtracted. Where it is large the mean is divided.
@@ -187,7 +221,7 @@ def _means(
     )
     keys = (runs * 3 * points + bins)[is_whole]
     run = runs[is_whole]
-    columns = np.stack([height, tip, force, shifts[numbers]])[:, is_whole]
+    columns = np.stack([height, tip, force, clocks[numbers]])[:, is_whole]
     groups = [np.flatnonzero(keys == key) for key in np.unique(keys)]
     most = points + num_far + points // _SPARE
 
@@ -216,23 +250,20 @@ def _means(
             break
         groups[worst : worst + 1] = np.array_split(groups[worst], 2)
     run = run[[group[0] for group in groups]]
-    middles, tips, forces, moves = np.transpose(means)
+    heights, tips, forces, times = np.transpose(means)
     weights = count / line.noise**2
     if not is_spring:
         for same in (run == number for number in np.unique(run)):
             if np.sum(same) > 1:
-                slope = np.gradient(tips[same], middles[same])
+                slope = np.gradient(tips[same], heights[same])
                 weights[same] *= np.clip(slope, _LEAST_SLOPE, 1) ** 2
-    positions = tips
-    if is_spring:
-        positions = middles
-    columns = np.stack([positions, forces, weights, moves])
+    columns = np.stack([heights, tips, forces, weights, times])
     if not is_down:
         columns = columns[:, ::-1]
     # Curves of one number of means share compiled programs: the last is repeated without weight.
     repeated = np.repeat(columns[:, -1:], max(most - len(groups), 0), axis=1)
-    repeated[2] = 0
-    return tuple(np.concatenate([columns, repeated], axis=1))
+    repeated[3] = 0
+    return Columns(*np.concatenate([columns, repeated], axis=1))
 
 
 def _reach(height: np.ndarray, force: np.ndarray, noise: float) -> float:

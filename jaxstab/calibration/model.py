@@ -11,8 +11,10 @@ from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, PyTree
 
 from jaxstab.calibration.least_squares import Curve, Rows, Values
+from jaxstab.calibration.zeros import Zeros
 from jaxstab.contact import Contact
 from jaxstab.core.results import RESULTS
+from jaxstab.core.types import Scalar
 from jaxstab.core.units import NUMBER, declared
 from jaxstab.equilibrium import PreconditionedConjugateGradient
 from jaxstab.equilibrium.equilibrate import solved
@@ -22,9 +24,8 @@ from jaxstab.loads import Load
 
 Order = Literal["continuation", "independent"]
 Where = Callable[[Contact], PyTree]
-# The last numbers of a vector of parameters: the zero of the loads, and the zero of the pressures
-# with its slope over the loads.
-ZEROS = ("offset", "baseline", "tilt")
+# A load, and what one unit of each zero adds to the load and to the measured pressure.
+_Measured = tuple[Load, Values, Values]
 
 
 @dataclass(frozen=True)
@@ -107,43 +108,54 @@ def values_of(tree: PyTree) -> tuple[Values, Callable[[Values], PyTree]]:
 class Model:
     """A contact as a function of a vector of parameters.
 
-    The last numbers of the vector are the `ZEROS`.
+    The last numbers of the vector are the zeros: those of the loads, and those of the measurements,
+    which are forces over the area, or pressures with an area of one.
     """
 
     contact: Contact
     where: Pick
     unravel: Callable[[Values], PyTree]
     loads: Load
+    zeros: Zeros
+    area: Scalar
     order: Order
+
+    def parts(self, values: Values) -> tuple[Values, Values]:
+        """Return the parameters of the contact and the zeros."""
+        number = len(values) - len(self.zeros.names)
+        return values[:number], values[number:]
 
     def contact_at(self, values: Values) -> Contact:
         """Return the contact with other parameters."""
-        return eqx.tree_at(self.where, self.contact, self.unravel(values[: -len(ZEROS)]))
+        return eqx.tree_at(self.where, self.contact, self.unravel(self.parts(values)[0]))
 
     def curve(self, values: Values) -> tuple[Curve, Rows]:
         """Return the mean pressures at the loads and their Jacobian, NaN without an equilibrium."""
         at_load = jax.value_and_grad(self._pressure, has_aux=True)
 
-        def follow(start: Array, load: Load) -> tuple[Array, tuple[Array, Array]]:
-            (pressure, gap), row = at_load(values, load, start)
+        shifts, forces = self.zeros.responses()
+        every = self.loads, shifts, forces / self.area
+
+        def follow(start: Array, one: _Measured) -> tuple[Array, tuple[Array, Array]]:
+            (pressure, gap), row = at_load(values, one, start)
             return jnp.where(jnp.isnan(pressure), start, gap), (pressure, row)
 
         if self.order == "independent":
-            (pressures, _), rows = jax.vmap(lambda load: at_load(values, load, None))(self.loads)
+            (pressures, _), rows = jax.vmap(lambda one: at_load(values, one, None))(every)
             return pressures, rows
         first = jax.tree.map(lambda leaf: leaf[0], self.loads)
         start = self.contact.control(first).starting_gap(self.contact.heights)
-        return jax.lax.scan(follow, start, self.loads)[1]
+        return jax.lax.scan(follow, start, every)[1]
 
-    def _pressure(self, values: Values, load: Load, start: Array | None) -> tuple[Array, Array]:
+    def _pressure(self, values: Values, one: _Measured, start: Array | None) -> tuple[Array, Array]:
         """Return the mean pressure at one load, and the gap, the start of the next load."""
-        offset, baseline, tilt = values[-len(ZEROS) :]
-        zero = baseline + tilt * load.value
-        load = load.at(load.value - offset)
+        load, shift, baseline = one
+        zeros = self.parts(values)[1]
+        load = load.at(load.value - shift @ zeros)
         problem = posed(self.contact_at(values), load)
         gap = start_of(problem.contact, problem.state, start)
         found = as_given(
             solved(problem.contact, problem.state, PreconditionedConjugateGradient(), gap), problem
         )
         is_found = found.result == RESULTS.successful
-        return jnp.where(is_found, found.mean_pressure, jnp.nan) + zero, found.gap
+        return jnp.where(is_found, found.mean_pressure, jnp.nan) + baseline @ zeros, found.gap

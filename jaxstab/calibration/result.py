@@ -11,8 +11,9 @@ from jaxtyping import Array, Float, Int, PyTree
 
 from jaxstab.calibration.advice import Hints, drift_of, outlier_of, wrong_sign
 from jaxstab.calibration.least_squares import Curve, FitProblem, Measured
-from jaxstab.calibration.model import ZEROS, values_of
+from jaxstab.calibration.model import values_of
 from jaxstab.calibration.search import Search
+from jaxstab.calibration.zeros import KINDS
 from jaxstab.contact import Contact
 from jaxstab.core.checks import require_kind
 from jaxstab.core.compile import program
@@ -45,14 +46,20 @@ class Calibration(eqx.Module):
         parameters: these parameters, as selected by `where`.
         standard_errors: their standard errors, in the same structure, from the slopes of the
             curve, or larger ones from the profile if it is wider.
-        offset: the zero of the loads: the contact is at load - offset [length].
+        offset: the zero of the loads: the contact is at load - offset, of a force curve less what
+            the drift adds, and to a tip position the baseline [length].
         offset_error: its standard error; zero if it was not fitted.
-        baseline: the zero of the measurements, in their unit.
+        baseline: the zero of the measurements, in their unit; of both segments of a force curve
+            two, of the approach and of the retraction.
         baseline_error: its standard error; zero if it was not fitted.
-        tilt: the slope of the baseline, which is baseline + tilt load, over the length of the load.
+        tilt: the slope of the baseline, which is baseline + tilt load, over the length of the load;
+            of a force curve over the height, baseline + tilt height, and two of both segments.
         tilt_error: its standard error; zero if it was not fitted.
-        covariance: of the parameters, in the order of their leaves, then of offset, baseline and
-            tilt where they are fitted.
+        drift: how far the zero of the loads moves from the first measurement to the last, fitted to
+            both segments of a force curve [length].
+        drift_error: its standard error; zero if it was not fitted.
+        covariance: of the parameters, in the order of their leaves, then of offset, baseline, tilt
+            and drift where they are fitted.
         mean_pressure: the fitted curve, with the baseline [pressure].
         load: the loads, one for each measurement.
         measured: the measured mean pressures [pressure].
@@ -75,10 +82,12 @@ class Calibration(eqx.Module):
     standard_errors: PyTree
     offset: Scalar
     offset_error: Scalar
-    baseline: Scalar
-    baseline_error: Scalar
-    tilt: Scalar
-    tilt_error: Scalar
+    baseline: Float[Array, "*segments"]
+    baseline_error: Float[Array, "*segments"]
+    tilt: Float[Array, "*segments"]
+    tilt_error: Float[Array, "*segments"]
+    drift: Scalar
+    drift_error: Scalar
     covariance: Float[Array, "parameters parameters"]
     mean_pressure: Annotated[Curve, PRESSURE]
     load: Load
@@ -148,13 +157,11 @@ class Calibration(eqx.Module):
 def _with_distance(fit: Calibration, other: Calibration) -> Calibration:
     errors, unravel = values_of(fit.standard_errors)
     away = values_of(fit.parameters)[0] - values_of(other.parameters)[0]
-    zeros = {name: getattr(fit, name) - getattr(other, name) for name in ZEROS if name in fit.names}
-    every = away
-    if zeros:
-        every = jnp.concatenate([away, jnp.stack([*zeros.values()])])
+    zeros = {kind: getattr(fit, kind) - getattr(other, kind) for kind in _fitted_kinds(fit)}
+    every = jnp.concatenate([away, *map(jnp.ravel, zeros.values())])
     raised = {
-        f"{name}_error": jnp.hypot(getattr(fit, f"{name}_error"), zero)
-        for name, zero in zeros.items()
+        f"{kind}_error": jnp.hypot(getattr(fit, f"{kind}_error"), zero)
+        for kind, zero in zeros.items()
     }
     return replace(
         fit,
@@ -212,9 +219,15 @@ def describe(fit: Calibration, measured: Measured, hints: Hints) -> str:
 
 def numbers_of(fit: Calibration) -> tuple[np.ndarray, np.ndarray]:
     """Return the fitted numbers and their standard errors, in the order of the names."""
-    zeros = [getattr(fit, name) for name in ZEROS if name in fit.names]
-    values = np.array([float(value) for value in [*values_of(fit.parameters)[0], *zeros]])
+    zeros = [np.ravel(getattr(fit, kind)) for kind in _fitted_kinds(fit)]
+    values = np.concatenate([values_of(fit.parameters)[0], *zeros])
     return values, np.sqrt(np.diag(fit.covariance))
+
+
+def _fitted_kinds(fit: Calibration) -> list[str]:
+    """Return the kinds of the zeros that are fitted, in the order of the names."""
+    last = {name.rpartition(".")[-1] for name in fit.names[values_of(fit.parameters)[0].size :]}
+    return [kind for kind in KINDS if kind in last]
 
 
 def units_of(fit: Calibration) -> list[tuple[float, str]]:

@@ -157,9 +157,88 @@ def test_both_segments_are_fitted_in_the_order_of_the_measurement():
     assert (np.diff(positions[: turn + 1]) <= 0).all()
     assert (np.diff(positions[turn + 1 :])[both.weights[turn + 2 :] > 0] > 0).all()
     np.testing.assert_allclose(both.load.stiffness, 0.5 / 48**2)
-    # The error of the drift grows with the time from the turn, and changes its sign there.
+    # The clock starts at the turn, and changes its sign there.
     is_approach = np.arange(len(positions)) < len(positions) // 2
-    assert (both.shifts[is_approach] < 0).all() and (both.shifts[~is_approach] > 0).all()
+    clocks = np.asarray(both.zeros.clocks)
+    assert (clocks[is_approach] < 0).all() and (clocks[~is_approach] > 0).all()
+    np.testing.assert_allclose(np.ptp(clocks), 1)
+    np.testing.assert_array_equal(both.zeros.is_in, [is_approach, ~is_approach])
+
+
+def with_zeros(curve, forces, drift):
+    """Return a corrected curve whose correction has left a force in each segment, and a drift."""
+    left = {}
+    for name, segment in curve.segments.items():
+        height = segment.height + drift * (segment.time - curve.approach.time[-1])
+        force = segment.force + forces[name][0] + forces[name][1] * height
+        tip = height + force / curve.spring_constant
+        left[name] = replace(segment, height=height, force=force, tip=tip)
+    return replace(curve, **left)
+
+
+@pytest.mark.parametrize("kind", [js.FarDisplacement, js.Spring])
+def test_what_a_correction_leaves_is_what_the_zeros_of_a_fit_add(kind):
+    """F(load - shift) + e is what is measured at the load, with the zeros that the curve has."""
+    law = synthetic.hertz()
+    options = {"noise": 1e-9, "drift": 0.0, "contact": 0.0, "tilt": 0.0, "offsets": (0, 0)}
+    exact = synthetic.recorded(law, 0, constant=5.0, **options)
+    correction = replace(exact.corrected().correction, removes_drift=True, drift_error=0.2)
+    exact = replace(exact, correction=correction)
+    forces = {"approach": (0.3, -2e-3), "retraction": (-0.2, 1e-3)}
+    curve = with_zeros(exact, forces, 0.1)
+    found = means_of(contact(), kind, curve, "both", 40)
+    shifts, lines = map(np.asarray, found.zeros.responses())
+    assert found.zeros.names == (
+        "offset",
+        "approach.baseline",
+        "retraction.baseline",
+        "approach.tilt",
+        "retraction.tilt",
+        "drift",
+    )
+    span = np.ptp(np.concatenate([curve.approach.time, curve.retraction.time]))
+    zeros = np.array([0, 0.3, -0.2, -2e-3, 1e-3, 0.1 * span])
+    load = np.asarray(found.load.value) - shifts @ zeros
+    force = found.forces - lines @ zeros
+    if kind is js.Spring:
+        load = load + force / 5.0
+    expected = np.interp(-load, *law, left=0.0)
+    # A mean over points of which the first ones are in contact is off by 0.02.
+    np.testing.assert_allclose(force, expected, atol=0.03)
+    assert np.sum(np.abs(found.forces - np.interp(-found.load.value, *law, left=0)) > 0.1) > 80
+    # One segment has a single baseline, and the error of the drift that was removed.
+    one = means_of(contact(), kind, curve, "retraction", 40).zeros
+    assert one.names == ("offset", "baseline", "tilt", "drift")
+    np.testing.assert_allclose(one.drift_error, 0.2 * span / 2, rtol=0.02)
+    assert found.zeros.drift_error is None
+    # So do both, if they were corrected by one baseline.
+    shared = replace(curve, correction=replace(correction, retraction=correction.approach))
+    assert means_of(contact(), kind, shared, "both", 40).zeros.names == one.names
+
+
+@pytest.mark.filterwarnings("ignore::jaxstab.WindowWarning")
+def test_baselines_that_differ_and_a_drift_do_not_bias_the_fit_to_both_segments(law):
+    """They differ by seven of their errors, and a drift of several errors is left."""
+    curve = synthetic.recorded(law, 1, **RECORD).corrected()
+    forces = {"approach": (0.1, 0.0), "retraction": (-0.05, 0.0)}
+    curve = with_zeros(curve, forces, 0.2)
+    start = contact(0.06, 5.0, 0.12)
+    fit = js.calibrate(start, js.FarDisplacement, curve, segment="both", points=20)
+    assert (abs(deviations(fit)) < 3).all()
+    assert fit.standard_errors[1] < 0.01 * MODULUS
+    apart = fit.baseline[0] - fit.baseline[1] - 0.15
+    assert abs(apart) < 4 * np.hypot(*fit.baseline_error)
+    assert fit.baseline.shape == fit.tilt_error.shape == (2,)
+    assert abs(fit.drift) > 2 * fit.drift_error
+    rows = {line.split()[0]: line.split() for line in str(fit).splitlines()[3:]}
+    assert [*rows] == [*fit.names]
+    values = [float(rows[name][1]) for name in fit.names[4:]]
+    np.testing.assert_allclose(values, [*fit.baseline, *fit.tilt, fit.drift], rtol=1e-4)
+    assert [rows[name][-1] for name in fit.names[3:]] == ["nm", *["nN"] * 2, *["N/m"] * 2, "nm"]
+    moved = eqx.tree_at(lambda fit: fit.baseline, fit, fit.baseline + np.array([0.3, 0.4]))
+    raised = fit.with_error_of_grid(moved)
+    np.testing.assert_allclose(raised.baseline_error, np.hypot(fit.baseline_error, [0.3, 0.4]))
+    np.testing.assert_allclose(raised.covariance[4, 5], fit.covariance[4, 5] + 0.12)
 
 
 def test_units_of_curve_and_contact_are_converted():
@@ -298,6 +377,11 @@ def test_a_map_with_holes_and_bad_curves_gives_maps_with_errors(law):
     raised = fits.with_error_of_grid(replace(fits, fits=(moved, None)))
     expected = np.hypot(error[0, 0], 0.01)
     np.testing.assert_allclose(raised.errors("solid.youngs_modulus")[0, 0], expected)
+    # A fit of other parameters has no value of this one.
+    other = replace(fits.fits[0], names=("other", *fits.fits[0].names[1:]))
+    apart = replace(fits, fits=(fits.fits[0], other), reasons=("", ""))
+    assert np.isfinite(apart.values("solid.youngs_modulus")).sum() == 2
+    assert np.argwhere(np.isfinite(apart.errors(fits.names[0]))).tolist() == [[0, 0]]
     alone = replace(fits, fits=(None, moved), reasons=("far away", ""))
     with pytest.raises(
         js.SolverError, match=r"^None of 2 curves has a fit. pixel \(0, 0\): On the o"
