@@ -130,8 +130,9 @@ def means_of(
     span = float(np.ptp(clocks)) or 1.0
     drift_error = None
     if parts != "both":
-        removed = correction.removes_drift and correction.drift_error
-        drift_error = array((removed or 0.0) * span * length)
+        drift_error = array(0.0)
+        if correction.removes_drift and correction.drift_error is not None:
+            drift_error = array(correction.drift_error * span * length)
     zeros = Zeros(
         heights=array(heights * length),
         is_in=array(is_in),
