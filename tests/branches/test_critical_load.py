@@ -294,24 +294,48 @@ def test_where_no_fold_is_the_user_is_told():
         find(VALUES, 1.3)
 
 
+def sticky_line(unit=1.0):
+    x = 2 * np.pi * np.arange(16) / 16
+    heights = -0.05 * (1 + np.cos(x + 0.2) + 0.3 * np.cos(2 * x))
+    law = js.potentials.Exponential(0.05 * unit, 0.05 * unit)
+    return js.Contact(js.HalfSpace(js.Grid((16,), (unit,)), 1.0), heights * unit, law)
+
+
 @pytest.mark.filterwarnings("ignore::jaxstab.ResolutionWarning")
 @pytest.mark.parametrize("unit", [1.0, 1e-9])
 def test_in_any_unit_a_release_lies_where_the_dense_curve_turns(unit):
-    energy = length = 0.05
-    x = 2 * np.pi * np.arange(16) / 16
-    heights = -0.05 * (1 + np.cos(x + 0.2) + 0.3 * np.cos(2 * x))
-    law = js.potentials.Exponential(energy * unit, length * unit)
-    contact = js.Contact(js.HalfSpace(js.Grid((16,), (unit,)), 1.0), heights * unit, law)
+    contact = sticky_line(unit)
     ends = jnp.array([0.1, 0.25]) * unit
     found = js.critical_load(contact, js.MeanGap(ends))
     stiffness = periodic_stiffness((16,), (1.0,), 1.0)
-    curve = DenseCurve(stiffness, heights, *exponential(energy, length), (1, 0, 0))
+    heights = np.asarray(contact.heights) / unit
+    curve = DenseCurve(stiffness, heights, *exponential(0.05, 0.05), (1, 0, 0))
     start = js.equilibrate(contact, js.MeanGap(ends[0]))
     gap = np.asarray(start.gap) / unit
     curve.follow(gap, float(start.mean_pressure), 0.25, 1e-3, max_events=1)
     ((kind, value),) = curve.events
     assert found.kind.name == kind == "release"
     np.testing.assert_allclose(found.load.value / unit, value, rtol=1e-8)
+
+
+@pytest.mark.filterwarnings("ignore::jaxstab.ResolutionWarning")
+def test_a_release_is_uncertain_while_a_reaction_is_left(monkeypatch):
+    module = import_module("jaxstab.branches.limit")
+    judge = module._limit
+    judged = []
+
+    def kept(*inputs):
+        judged.append(inputs)
+        return judge(*inputs)
+
+    monkeypatch.setattr(module, "_limit", kept)
+    assert js.critical_load(sticky_line(), js.MeanGap(jnp.array([0.1, 0.25]))).kind == "release"
+    *before, seen, pair = judged[-1]
+    # With no free points the pressures balance at any mean pressure.
+    closed = replace(seen, is_free=jnp.zeros(16, bool))
+    assert judge(*before, closed, pair).kind == "release"
+    pressed = replace(closed, at=replace(seen.at, pressure=seen.at.pressure + 1e-3))
+    assert judge(*before, pressed, pair).kind == "uncertain"
 
 
 def is_left(contact, before, after):

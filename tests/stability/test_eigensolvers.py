@@ -14,9 +14,10 @@ import jaxstab as js
 from jaxstab.contact.hessian import Hessian, SymmetricOperator
 from jaxstab.stability.cones import AdmissibleCone, Subspace
 from jaxstab.stability.eigenpair import measured
-from jaxstab.stability.lowest_pair import mode_on_cone
+from jaxstab.stability.lowest_pair import cone_starts, mode_on_cone
 from jaxstab.stability.solvers.base import noise
 from jaxstab.stability.solvers.davidson import _Span
+from jaxstab.stability.solvers.multi_start import _order
 
 
 class Dense(SymmetricOperator):
@@ -241,6 +242,23 @@ def test_algorithm_1_without_a_fixed_mean_has_no_multiplier_of_it():
     pair = measured(operator, cone, found, found.vector)
     assert found.result == js.RESULTS.successful
     assert pair.eigenvalue == pytest.approx(lowest, rel=1e-6)
+
+
+def test_a_cone_is_searched_from_the_lowest_modes_of_both_signs_and_random_vectors():
+    modes, random = np.random.default_rng(0).normal(size=(2, 4, 5, 6))
+    cone = AdmissibleCone(jnp.ones((5, 6), bool))
+    starts, is_needed, is_answer = cone_starts(
+        js.ProjectedLOBPCG(), cone, js.RESULTS.successful, jnp.asarray(modes), jnp.asarray(random)
+    )
+    np.testing.assert_array_equal(starts, [*modes[:2], *-modes[:2], *random])
+    # No mode of both signs lies in the cone.
+    assert is_needed.all() and not is_answer
+
+
+def test_equal_starts_keep_their_order():
+    values = np.array([2.0, np.inf, 1.0, 2.0, np.inf, 1.0, 3.0])
+    ranks = np.argsort(np.argsort(values, kind="stable"))
+    np.testing.assert_array_equal(_order(jnp.asarray(values)), ranks)
 
 
 @pytest.mark.parametrize("sign", [1, -1])

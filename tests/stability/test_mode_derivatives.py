@@ -8,6 +8,7 @@ import pytest
 from problems import TIGHT, rough_contact, with_parameters
 
 import jaxstab as js
+from jaxstab.stability.barrier import pressure_scale
 
 
 @pytest.fixture(scope="module")
@@ -132,3 +133,13 @@ def test_modes_of_a_block_refuse_to_be_differentiated(contact):
         NotImplementedError, match=r"^lowest_modes, calibrate and continuation cannot be"
     ):
         jax.jvp(eigenvalue, (0.02,), (1.0,))
+
+
+def test_without_any_pressure_its_scale_and_derivatives_are_zero():
+    contact = rough_contact(8, lambda gap: 0 * gap)
+    nothing = jnp.zeros((8, 8))
+    value, slope = jax.value_and_grad(lambda p: pressure_scale(contact, nothing + 1, p))(nothing)
+    assert value == 0
+    np.testing.assert_array_equal(slope, 0)
+    size = pressure_scale(contact, nothing + 1, nothing.at[:2].set(3.0))
+    np.testing.assert_allclose(size, 1.5)
