@@ -1,8 +1,9 @@
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from brute_force import check_optimality, smallest_on_critical_cone
+from brute_force import check_optimality, periodic_stiffness, smallest_on_critical_cone
 from problems import Linear, flat_contact, rough_contact
 
 import jaxstab as js
@@ -56,6 +57,29 @@ def test_random_problems_end_at_a_minimum_by_way_of_falling_energies(seed):
 
     stiffest = contact.solid.max_stiffness + jnp.max(jnp.abs(contact.curvature(equilibrium.gap)))
     assert smallest_on_critical_cone(contact, equilibrium) > -1e-8 * stiffest
+
+
+class Springs(eqx.Module):
+    """The law stiffness (g - 1)^2 / 2."""
+
+    stiffness: jax.Array
+
+    def __call__(self, gap):
+        return self.stiffness * (gap - 1) ** 2 / 2
+
+
+def test_a_quadratic_energy_takes_as_many_steps_as_there_are_points():
+    x = 2 * np.pi * np.arange(16) / 16
+    heights = 0.1 * np.cos(x) + 0.05 * np.sin(3 * x)
+    stiffness = np.where(np.arange(16) < 4, 300.0, 1.0)
+    law = js.potentials.Varying(Springs(jnp.asarray(stiffness)))
+    contact = js.Contact(js.HalfSpace(js.Grid((16,), (1.0,)), 1.0), heights, law)
+    found = js.equilibrate(contact, js.MeanPressure(0.0))
+    elastic = periodic_stiffness((16,), (1.0,), 1.0)
+    exact = np.linalg.solve(elastic + np.diag(stiffness), stiffness - elastic @ heights)
+    np.testing.assert_allclose(found.gap, exact, atol=1e-8)
+    # Conjugate directions, but for rounding and the last step; others take hundreds.
+    assert found.num_steps <= 16 + 4
 
 
 def test_its_steps_hardly_grow_with_the_grid():
