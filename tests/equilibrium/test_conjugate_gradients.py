@@ -59,6 +59,48 @@ def test_random_problems_end_at_a_minimum_by_way_of_falling_energies(seed):
     assert smallest_on_critical_cone(contact, equilibrium) > -1e-8 * stiffest
 
 
+def dense_steps(heights, energy, length, gap, number):
+    """Return gaps after steps of the algorithm of Polonsky, Keer and Rey at a mean gap."""
+    stiffness = periodic_stiffness(heights.shape, (1.0,), 1.0)
+    stiffest = np.linalg.eigvalsh(stiffness)[-1]
+    mean, direction, before = gap.mean(), 0 * gap, 0.0
+    for _ in range(number):
+        attraction = energy / length * np.exp(-gap / length)
+        curvature = -attraction / length
+        free = gap > 0
+        net = stiffness @ (gap + heights) + attraction
+        net -= net[free].mean()
+        square = np.sum(net[free] ** 2)
+        momentum = square / before if before else 0.0
+        direction = free * (net / stiffest + momentum * direction)
+        elastic = direction @ stiffness @ direction
+        both = elastic + curvature @ direction**2
+        gap = np.maximum(gap - net @ direction / (both if both > 0 else elastic) * direction, 0)
+        pulled = (gap == 0) & (net < 0)
+        # No attraction of this law stiffens.
+        gap = np.where(pulled, -net / stiffest, gap)
+        gap *= mean / gap.mean()
+        before = 0.0 if pulled.any() else square
+        yield gap, pulled.any()
+
+
+def test_steps_of_the_reference_solver_are_the_dense_ones():
+    x = 2 * np.pi * np.arange(N) / N
+    heights = 0.1 * np.cos(x) + 0.05 * np.sin(3 * x)
+    start = np.maximum(0.05 - heights, 0)
+    start[6:9] = 0
+    energy, length = 0.01, 0.1
+    law = js.potentials.Exponential(energy, length)
+    contact = js.Contact(js.HalfSpace(js.Grid((N,), (1.0,)), 1.0), heights, law)
+    load = js.MeanGap(start.mean())
+    steps = list(dense_steps(heights, energy, length, start, 5))
+    assert sum(is_pulled for _, is_pulled in steps) in (1, 2, 3)
+    for number, (gap, _) in enumerate(steps, start=1):
+        solver = js.PolonskyKeerRey(max_steps=number)
+        found = js.equilibrate(contact, load, solver, initial=start, throw=False)
+        np.testing.assert_allclose(found.gap, gap, atol=1e-12)
+
+
 class Springs(eqx.Module):
     """The law stiffness (g - 1)^2 / 2."""
 
