@@ -43,7 +43,7 @@ from jaxstab.branches.interpolation import (
 from jaxstab.branches.kinds import KINDS
 from jaxstab.branches.morse_index import MOST, UNKNOWN, DrivenIndex, driven_index_of, index_of
 from jaxstab.contact.hessian import Block
-from jaxstab.core.accuracy import EXACT
+from jaxstab.core.accuracy import EQUILIBRIUM, EXACT, rounding_of_numbers
 from jaxstab.core.checks import array, concrete
 from jaxstab.core.compile import program
 from jaxstab.core.control_flow import choose, cond
@@ -303,7 +303,9 @@ def _target_of(problem: ContinuationProblem, step: ArclengthStep) -> _Target:
     reach = jnp.where(is_change, changes.first, length)
 
     row = curve.gradient_of(old.tangent)
-    scale = jnp.maximum(reach, 1e-5 * problem.max_step)
+    # In a short step the place along it is known to no more digits than the state.
+    rounding = rounding_of_numbers(length.dtype) * curve.length(old.at)
+    scale = jnp.maximum(reach, rounding / EQUILIBRIUM[dtype.name])
     ahead = on_plane(row, row.times(old.at) + reach, scale)
     span = jnp.abs(problem.last - problem.first)
     end = on_plane(curve.load_gradient, problem.last - curve.load_offset, span)

@@ -271,6 +271,8 @@ def _continued(
     value = search.loads.value[0]
     # Right behind a release the solver may stay where the point has not opened yet.
     is_lost = limit.result == RESULTS.lost_branch
+    # Where every perturbation costs energy the branch does not end, whatever its tangents say.
+    is_lost |= (limit.kind == KINDS.uncertain) & (limit.critical.eigenvalue > limit.critical.error)
     distance = jnp.abs(value - old.load.value)
     is_near = jnp.abs(limit.load.value - old.load.value) <= _FARTHER * distance
     is_stuck = (search.number > 0) & (~is_stable | (is_lost & is_near & old.is_found))

@@ -12,7 +12,7 @@ import jax.numpy as jnp
 from jaxstab.branches.gmres import gmres
 from jaxstab.contact import Contact
 from jaxstab.contact.hessian import Hessian
-from jaxstab.contact.residual import LEAST_SCALE
+from jaxstab.contact.residual import displacement_of, least_scale, rounding_of_waves
 from jaxstab.core.grid import mean, total
 from jaxstab.core.types import Field, Flag, Mask, Scalar
 from jaxstab.loads import Load
@@ -88,7 +88,7 @@ class Curve(eqx.Module):
         profile = contact.profile
         conforming = contact.conforming_pressure
         # Over a flat surface nothing but the load balances the attraction.
-        least = LEAST_SCALE * jnp.where(conforming > 0, conforming, profile.max_attraction)
+        least = least_scale(jnp.where(conforming > 0, conforming, profile.max_attraction))
         outermost = profile.outermost_gap(HARDLY_ANY * profile.max_attraction)
         farthest = jnp.where(jnp.any(gradient.gap != 0), jnp.inf, outermost)
         return cls(contact, load, least, offset, gradient, farthest.astype(least.dtype))
@@ -124,12 +124,15 @@ class Curve(eqx.Module):
         """Return the pressures at a point with these free points."""
         contact = self.contact
         gap = at.gap
-        elastic = contact.solid.with_uniform_stiffness(0).apply(gap + contact.heights)
+        displacement = displacement_of(gap, contact.heights)
+        elastic = contact.solid.with_uniform_stiffness(0).apply(displacement)
         _, attraction, curvature = derivatives(contact.potential, gap)
         net = elastic + attraction + at.pressure
         resisting = jnp.where(is_free, attraction + at.pressure, 0)
         scale = jnp.sqrt(total(elastic**2 + resisting**2) / gap.size)
-        return Forces(net, curvature, jnp.maximum(scale, self.least_scale))
+        rounding = rounding_of_waves(contact.solid.max_stiffness, jnp.sqrt(mean(gap**2)))
+        scale = jnp.maximum(jnp.maximum(scale, self.least_scale), rounding)
+        return Forces(net, curvature, scale)
 
     def net_rate(self, curvature: Field, change: Point) -> Field:
         """Return how the net pressure follows a change where f'' is this, A dg + dp0."""

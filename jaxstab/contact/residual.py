@@ -16,7 +16,7 @@ from jaxstab.solids.solid import Solid
 
 # An imbalance of this part of the elastic pressures of full contact moves no point by a part of the
 # heights.
-LEAST_SCALE = 1e-2
+_LEAST_SCALE = 1e-2
 # How much the mean of the imbalance counts beside its rms.
 _MEAN_SHARE = 1e-2
 # A surface is nearly flat if its heights spread by less than this part of the mean gap.
@@ -66,18 +66,11 @@ def balance_of(
     held = solid.with_uniform_stiffness(0)
     stiffest = solid.max_stiffness
     conforming = conforming_pressure(solid, heights)
-    smallest_scale = conforming * max(LEAST_SCALE, 1e6 * float(jnp.finfo(heights.dtype).eps))
-    heights -= heights.ravel()[0]
-    spread = jnp.max(jnp.abs(heights))
-    precision = float(jnp.finfo(heights.dtype).eps)
-    # The part of a gap that rounding hides, over the default tolerance: to reach that takes no more
-    # than that the stiffest wave is rounded as gaps are. Its pressure outweighs others from a few
-    # thousand points a side in float32.
-    rounding = precision / EQUILIBRIUM[heights.dtype.name]
+    smallest_scale = least_scale(conforming)
+    spread = jnp.max(jnp.abs(heights - heights.ravel()[0]))
 
     def balance(gap: Field) -> Balance:
-        # Less the height of one point: K ignores a constant, but would lose digits to it.
-        displacement = gap - gap.ravel()[0] + heights
+        displacement = displacement_of(gap, heights)
         elastic = held.apply(displacement)
         density, attraction, curvature = derivatives(potential, gap)
         net = control.net_pressure(elastic + attraction, gap)
@@ -96,7 +89,7 @@ def balance_of(
         twice_elastic = sums[0]
         adhesion = sums[1]
         level = sums[2] / gap.size
-        scale = jnp.maximum(scale, rounding * stiffest * jnp.sqrt(sums[3] / gap.size))
+        scale = jnp.maximum(scale, rounding_of_waves(stiffest, jnp.sqrt(sums[3] / gap.size)))
         is_nearly_flat = (spread > 0) & (spread < _FLAT * level)
         residual = jnp.where(residual == 0, 0, residual / jnp.where(residual == 0, 1, scale))
         # A light load is all that keeps the surfaces where they are.
@@ -114,6 +107,27 @@ def balance_of(
         )
 
     return balance
+
+
+def displacement_of(gap: Field, heights: Field) -> Field:
+    """Return g + h less the sum at one point: K ignores a constant, but would lose digits to it."""
+    return gap - gap.ravel()[0] + (heights - heights.ravel()[0])
+
+
+def least_scale(conforming: Scalar) -> Scalar:
+    """Return the least scale of an imbalance, given the pressure that full contact takes."""
+    return conforming * max(_LEAST_SCALE, 1e6 * float(jnp.finfo(conforming.dtype).eps))
+
+
+def rounding_of_waves(stiffest: Scalar, gap: Scalar) -> Scalar:
+    """Return the least scale of an imbalance that rounding of gaps of this size allows.
+
+    The part of a gap that rounding hides, over the default tolerance: to reach that takes no more
+    than that the stiffest wave is rounded as gaps are. Its pressure outweighs others from a few
+    thousand points a side in float32.
+    """
+    precision = float(jnp.finfo(gap.dtype).eps)
+    return precision / EQUILIBRIUM[gap.dtype.name] * stiffest * gap
 
 
 def conforming_pressure(solid: Solid, heights: Field) -> Scalar:

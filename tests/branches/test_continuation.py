@@ -145,6 +145,22 @@ def test_a_spheres_unstable_branch_is_that_of_maugis():
         np.testing.assert_allclose(branch.equilibrium.force[nearest], exact, rtol=2e-2)
 
 
+def test_in_single_precision_it_goes_on_where_rounding_outweighs_the_attraction():
+    grid = js.Grid(16)
+    heights = js.surfaces.self_affine(grid, jax.random.key(0), k_high=4, rms_height=0.05)
+    law = js.potentials.Exponential(0.01, 0.1)
+    double = js.Contact(js.HalfSpace(grid, 1.0), heights, law)
+    single = js.Contact(double.solid, heights.astype(jnp.float32), law)
+    loads = js.MeanGap([0.35, 0.05])
+    found, exact = (js.continuation(contact, loads) for contact in (single, double))
+    assert found.load.value.dtype == jnp.float32
+    assert found.end == exact.end == "load" and len(found.load.value) == len(exact.load.value)
+    pressures = [branch.equilibrium.mean_pressure for branch in (found, exact)]
+    order = np.argsort(exact.load.value)
+    expected = np.interp(found.load.value, exact.load.value[order], pressures[1][order])
+    np.testing.assert_allclose(pressures[0], expected, rtol=2e-3, atol=1e-6)
+
+
 @pytest.mark.nightly
 @pytest.mark.parametrize("load", [js.MeanPressure, js.Spring])
 def test_under_any_load_and_in_single_precision_it_is_the_same_curve(hertz, load):

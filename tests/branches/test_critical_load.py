@@ -423,7 +423,7 @@ def test_in_single_precision_the_release_is_that_of_double(shape, key, k_high, l
 
 @pytest.mark.nightly
 @pytest.mark.parametrize("seed", [0, 3, 12])
-def test_in_single_precision_a_branch_ends_where_it_does_in_double_or_is_lost(seed, hertz):
+def test_in_single_precision_a_branch_ends_where_it_does_in_double(seed, hertz):
     noise = 1e-3 * jax.random.normal(jax.random.key(seed), hertz.heights.shape)
 
     def end(dtype):
@@ -435,14 +435,8 @@ def test_in_single_precision_a_branch_ends_where_it_does_in_double_or_is_lost(se
         return js.critical_load(contact, bracket, throw=False)
 
     single, double = end("float32"), end("float64")
-    assert double.kind == "release"
-    if single.result == js.RESULTS.lost_branch:
-        # Behind a release that loses next to nothing, where balance is known to 1e-4.
-        assert np.isnan(single.critical.eigenvalue)
-        return
-    assert single.kind == "release"
-    # The states before it are in balance to 1e-4.
-    np.testing.assert_allclose(single.load.value, double.load.value, rtol=1e-5)
+    assert single.kind == double.kind == "release"
+    np.testing.assert_allclose(single.load.value, double.load.value, rtol=1e-6)
     # Of two points that let go at once it may take the one that ends no branch, and says so.
     is_negative = single.critical.eigenvalue + single.critical.error < 0
     off = abs(single.critical.eigenvalue - double.critical.eigenvalue)
