@@ -144,6 +144,8 @@ def _texts(module: eqx.Module, units: Units) -> Iterator[tuple[str, str]]:
 
 def _described(value: Array | np.ndarray | np.number | np.bool) -> str:
     texts = []
+    # While a derivative is computed the value is known all the same.
+    value = jax.lax.stop_gradient(value)
     if value.ndim <= 1 and value.size <= _MOST_NUMBERS:
         with suppress(*UNREADABLE):
             texts = [number(x) for x in np.atleast_1d(np.asarray(value)).tolist()]

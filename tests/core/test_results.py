@@ -293,3 +293,16 @@ def test_a_single_result_is_true_and_none_of_several_is_not(hertz):
     assert state
     several = js.sweep(hertz, js.MeanDisplacement(np.array([1.6, 1.7])), stability=False)
     assert several and several[0] and not several[:0]
+
+
+def test_a_number_is_shown_while_its_derivative_is_computed():
+    shown = []
+
+    def squared(pressure):
+        shown.append(str(js.MeanPressure(pressure)))
+        return pressure**2
+
+    jax.grad(squared)(-1.5)
+    jax.hessian(squared)(-1.5)
+    jax.jvp(squared, (-1.5,), (1.0,))
+    assert shown == 3 * ["MeanPressure(value=-1.5)"]
