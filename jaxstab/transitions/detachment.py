@@ -209,8 +209,9 @@ def detachment(
 
     The state is the one to which the contact comes by its load alone, through its jumps. Passes off
     its branch are not found: thermal motion may lead over lower ones to other states before
-    (`easiest_exit`), and then this is not the life until detachment. The function runs neither
-    under `jax.jit` nor under `jax.vmap`.
+    (`easiest_exit`), and then this is not the life until detachment. In single precision passes
+    close to the pull-off are lost to rounding: use float64. The function runs neither under
+    `jax.jit` nor under `jax.vmap`.
 
     Arguments:
         contact: the contact problem.
