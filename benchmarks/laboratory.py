@@ -158,7 +158,8 @@ def curves(count: int) -> Iterator[str]:
 
 def fits(computed: int, points: int, count: int, segment: str = "retraction") -> Iterator[str]:
     """Yield rows; a fit on another grid than the curve's has the error of half as fine a grid."""
-    # The slope of the force has steps, beside which a spline over wider steps is off by the noise.
+    # The slope of the force has steps. Beside them a spline through wider loads is off by as much
+    # as the noise of a mean.
     indentation = np.linspace(8.0, -46.0, 541)
     loads = js.FarDisplacement(-indentation)
     truth = tip(computed, *TRUTH.values())
