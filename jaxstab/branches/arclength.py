@@ -149,7 +149,6 @@ class _Judgement(eqx.Module):
         lands: whether it lies on this curve, but beyond the last load: the next step leads there.
         turns: whether the load turns in the step.
         folds: whether it turns while the same points are free.
-        is_clear: whether the step has no turn beside a change of the free points.
         share: the part of the step to try next if this one is not taken.
         is_easy: whether the next step may be longer.
     """
@@ -160,7 +159,6 @@ class _Judgement(eqx.Module):
     lands: Flag
     turns: Flag
     folds: Flag
-    is_clear: Flag
     share: Scalar
     is_easy: Flag
 
@@ -356,9 +354,10 @@ def _judged(
     is_sound &= ~(turns & (target.is_change | step.lands | beyond))
     gap = jnp.where(place.is_free, jnp.maximum(place.at.gap, 0), 0)
     gap = jnp.where(target.is_change & changes.point, 0, gap)
-    is_taken = is_sound & ~beyond
-    gap = jnp.where(is_taken, gap, place.at.gap)
+    # Of a turn beside a change of the free points it is not known which came first.
     is_clear = ~(turns & jnp.any(place.is_free != old.is_free))
+    is_taken = is_sound & is_clear & ~beyond
+    gap = jnp.where(is_taken, gap, place.at.gap)
     return _Judgement(
         gap=gap,
         is_found=found.is_found,
@@ -366,7 +365,6 @@ def _judged(
         lands=is_sound & beyond,
         turns=turns,
         folds=turns & is_clear,
-        is_clear=is_clear,
         share=share,
         is_easy=is_easy,
     )
@@ -384,7 +382,7 @@ def _events_in(trial: _Trial) -> _Events:
     new, goes_on = cond(
         target.is_change,
         lambda: beyond_change(curve, reached, target.changes, target.opens),
-        lambda: (reached, judgement.is_clear),
+        lambda: (reached, array(True)),
     )
     index, modes = index_of(
         curve.contact, curve.load, new.at.gap, step.modes, counts_all=not problem.to_limit
