@@ -13,6 +13,7 @@ import jax
 import numpy as np
 from jaxtyping import Array
 
+from jaxstab.core.checks import is_traced
 from jaxstab.core.stack import Stackable
 from jaxstab.core.types import ArrayLike
 from jaxstab.core.units import (
@@ -144,9 +145,10 @@ def _texts(module: eqx.Module, units: Units) -> Iterator[tuple[str, str]]:
 
 def _described(value: Array | np.ndarray | np.number | np.bool) -> str:
     texts = []
-    # While a derivative is computed the value is known all the same.
-    value = jax.lax.stop_gradient(value)
-    if value.ndim <= 1 and value.size <= _MOST_NUMBERS:
+    if is_traced(value):
+        # While a derivative is computed the value is known all the same.
+        value = jax.lax.stop_gradient(value)
+    if np.ndim(value) <= 1 and np.size(value) <= _MOST_NUMBERS:
         with suppress(*UNREADABLE):
             texts = [number(x) for x in np.atleast_1d(np.asarray(value)).tolist()]
     if not texts:

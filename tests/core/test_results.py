@@ -305,4 +305,6 @@ def test_a_number_is_shown_while_its_derivative_is_computed():
     jax.grad(squared)(-1.5)
     jax.hessian(squared)(-1.5)
     jax.jvp(squared, (-1.5,), (1.0,))
-    assert shown == 3 * ["MeanPressure(value=-1.5)"]
+    load = js.MeanPressure(-1.5)
+    jax.jit(lambda: shown.append(str(load)))()
+    assert shown == 4 * ["MeanPressure(value=-1.5)"]
