@@ -148,7 +148,6 @@ class _Judgement(eqx.Module):
         is_taken: whether it is the next state, if the events in the step explain it.
         lands: whether it lies on this curve, but beyond the last load: the next step leads there.
         turns: whether the load turns in the step.
-        folds: whether it turns while the same points are free.
         share: the part of the step to try next if this one is not taken.
         is_easy: whether the next step may be longer.
     """
@@ -158,7 +157,6 @@ class _Judgement(eqx.Module):
     is_taken: Flag
     lands: Flag
     turns: Flag
-    folds: Flag
     share: Scalar
     is_easy: Flag
 
@@ -245,7 +243,7 @@ def take_step(problem: ContinuationProblem, step: ArclengthStep) -> ArclengthSte
         events = _events_in(trial)
         account = _account_of(trial, events)
         fold = events.fold
-        direction = cond(judgement.folds, lambda: fold.tangent.gap, lambda: events.new.tangent.gap)
+        direction = cond(judgement.turns, lambda: fold.tangent.gap, lambda: events.new.tangent.gap)
         turn = TurnInStep(account.turns, fold.at, account.kind, direction)
         agrees = account.agrees
         # To a limit no branch leads across another one: a bifurcation is a limit.
@@ -302,7 +300,7 @@ def _target_of(problem: ContinuationProblem, step: ArclengthStep) -> _Target:
 
     row = curve.gradient_of(old.tangent)
     # In a short step the place along it is known to no more digits than the state.
-    rounding = rounding_of_numbers(length.dtype) * curve.length(old.at)
+    rounding = rounding_of_numbers(dtype) * curve.length(old.at)
     scale = jnp.maximum(reach, rounding / EQUILIBRIUM[dtype.name])
     ahead = on_plane(row, row.times(old.at) + reach, scale)
     span = jnp.abs(problem.last - problem.first)
@@ -364,7 +362,6 @@ def _judged(
         is_taken=is_taken,
         lands=is_sound & beyond,
         turns=turns,
-        folds=turns & is_clear,
         share=share,
         is_easy=is_easy,
     )
@@ -375,7 +372,7 @@ def _events_in(trial: _Trial) -> _Events:
     problem, step, target, judgement, reached = trial
     curve = problem.curve
     fold, is_flat = cond(
-        judgement.folds,
+        judgement.turns,
         lambda: fold_between(curve, step.here, reached),
         lambda: (reached, array(True)),
     )

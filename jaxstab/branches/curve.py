@@ -12,7 +12,7 @@ import jax.numpy as jnp
 from jaxstab.branches.gmres import gmres
 from jaxstab.contact import Contact
 from jaxstab.contact.hessian import Hessian
-from jaxstab.contact.residual import displacement_of, least_scale, rounding_of_waves
+from jaxstab.contact.residual import from_first, least_scale, rounding_of_waves
 from jaxstab.core.grid import mean, total
 from jaxstab.core.types import Field, Flag, Mask, Scalar
 from jaxstab.loads import Load
@@ -124,7 +124,7 @@ class Curve(eqx.Module):
         """Return the pressures at a point with these free points."""
         contact = self.contact
         gap = at.gap
-        displacement = displacement_of(gap, contact.heights)
+        displacement = from_first(gap) + from_first(contact.heights)
         elastic = contact.solid.with_uniform_stiffness(0).apply(displacement)
         _, attraction, curvature = derivatives(contact.potential, gap)
         net = elastic + attraction + at.pressure

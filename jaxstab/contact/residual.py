@@ -67,10 +67,11 @@ def balance_of(
     stiffest = solid.max_stiffness
     conforming = conforming_pressure(solid, heights)
     smallest_scale = least_scale(conforming)
-    spread = jnp.max(jnp.abs(heights - heights.ravel()[0]))
+    heights = from_first(heights)
+    spread = jnp.max(jnp.abs(heights))
 
     def balance(gap: Field) -> Balance:
-        displacement = displacement_of(gap, heights)
+        displacement = from_first(gap) + heights
         elastic = held.apply(displacement)
         density, attraction, curvature = derivatives(potential, gap)
         net = control.net_pressure(elastic + attraction, gap)
@@ -109,9 +110,9 @@ def balance_of(
     return balance
 
 
-def displacement_of(gap: Field, heights: Field) -> Field:
-    """Return g + h less the sum at one point: K ignores a constant, but would lose digits to it."""
-    return gap - gap.ravel()[0] + (heights - heights.ravel()[0])
+def from_first(field: Field) -> Field:
+    """Return a field less its value at one point: K ignores a constant, but loses digits to it."""
+    return field - field.ravel()[0]
 
 
 def least_scale(conforming: Scalar) -> Scalar:
