@@ -134,8 +134,8 @@ def drift_of(hints: Hints, freedom: int) -> str:
         return ""
     return (
         f"the sum of squares would fall by {drift:.0%} if the measurements drifted steadily from "
-        "the first to the last. A drift is not fitted: subtract the line through those far from "
-        "contact, before and after it"
+        "the first to the last. A drift of the forces is not fitted: subtract the line through "
+        "those far from contact, before and after it"
     )
 
 

@@ -51,8 +51,16 @@ class Calibrations:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """The names of the fitted parameters, as those of the first `Calibration`."""
-        return next(fit.names for fit in self.fits if fit is not None)
+        """The names of the parameters that are fitted to a curve at least."""
+        return tuple(self._units)
+
+    @property
+    def _units(self) -> dict[str, tuple[float, str]]:
+        """The name of each fitted parameter, with the unit in which it is shown."""
+        there = [fit for fit in self.fits if fit is not None]
+        return {
+            name: unit for fit in there for name, unit in zip(fit.names, units_of(fit), strict=True)
+        }
 
     @property
     def failures(self) -> list[str]:
@@ -120,10 +128,10 @@ class Calibrations:
 
     def __repr__(self) -> str:
         there = [fit for fit in self.fits if fit is not None]
-        units = units_of(there[0])
+        units = self._units
         columns = [
             (self.values(name) / divisor, self.errors(name) / divisor)
-            for name, (divisor, _) in zip(self.names, units, strict=True)
+            for name, (divisor, _) in units.items()
         ]
         rows = {
             "parameter": self.names,
@@ -133,7 +141,7 @@ class Calibrations:
                 for values, _ in columns
             ],
             "median error": [f"{np.nanmedian(errors):.2g}" for _, errors in columns],
-            "unit": [unit for _, unit in units],
+            "unit": [unit for _, unit in units.values()],
         }
         head = f"{type(self).__name__}: {len(there)} of {several(len(self.fits), 'curve')} fitted"
         return "\n".join([head, table(rows), *self.failures])

@@ -80,8 +80,9 @@ def means_of(
     weights are the numbers of points times s^2. What is left of a baseline moves the tip position
     as well, by the compliance of the cantilever.
 
-    Each segment has a baseline of its own. How far the heights drift between two segments follows
-    from the fit to both; the fit to one has the drift of the correction.
+    Each segment has a baseline of its own, unless the retraction has not detached. How far the
+    heights drift between two segments follows from the fit to both, unless the correction has left
+    it as hysteresis; the fit to one has the drift of the correction.
 
     Arguments:
         contact: the contact, with units.
@@ -129,7 +130,8 @@ def means_of(
         is_in = np.stack([is_approach, ~is_approach])
     span = float(np.ptp(clocks)) or 1.0
     drift_error = None
-    if parts != "both":
+    is_hysteresis = correction.drift is not None and not correction.removes_drift
+    if parts != "both" or is_hysteresis:
         drift_error = array(0.0)
         if correction.removes_drift and correction.drift_error is not None:
             drift_error = array(correction.drift_error * span * length)

@@ -25,7 +25,7 @@ from jaxstab.loads import Load
 Order = Literal["continuation", "independent"]
 Where = Callable[[Contact], PyTree]
 # A load, and what one unit of each zero adds to the load and to the measured pressure.
-_Measured = tuple[Load, Values, Values]
+_Entry = tuple[Load, Values, Values]
 
 
 @dataclass(frozen=True)
@@ -134,22 +134,22 @@ class Model:
         at_load = jax.value_and_grad(self._pressure, has_aux=True)
 
         shifts, forces = self.zeros.responses()
-        every = self.loads, shifts, forces / self.area
+        entries = self.loads, shifts, forces / self.area
 
-        def follow(start: Array, one: _Measured) -> tuple[Array, tuple[Array, Array]]:
-            (pressure, gap), row = at_load(values, one, start)
+        def follow(start: Array, entry: _Entry) -> tuple[Array, tuple[Array, Array]]:
+            (pressure, gap), row = at_load(values, entry, start)
             return jnp.where(jnp.isnan(pressure), start, gap), (pressure, row)
 
         if self.order == "independent":
-            (pressures, _), rows = jax.vmap(lambda one: at_load(values, one, None))(every)
+            (pressures, _), rows = jax.vmap(lambda entry: at_load(values, entry, None))(entries)
             return pressures, rows
         first = jax.tree.map(lambda leaf: leaf[0], self.loads)
         start = self.contact.control(first).starting_gap(self.contact.heights)
-        return jax.lax.scan(follow, start, every)[1]
+        return jax.lax.scan(follow, start, entries)[1]
 
-    def _pressure(self, values: Values, one: _Measured, start: Array | None) -> tuple[Array, Array]:
+    def _pressure(self, values: Values, entry: _Entry, start: Array | None) -> tuple[Array, Array]:
         """Return the mean pressure at one load, and the gap, the start of the next load."""
-        load, shift, baseline = one
+        load, shift, baseline = entry
         zeros = self.parts(values)[1]
         load = load.at(load.value - shift @ zeros)
         problem = posed(self.contact_at(values), load)

@@ -50,10 +50,10 @@ class Calibration(eqx.Module):
             the drift adds, and to a tip position the baseline [length].
         offset_error: its standard error; zero if it was not fitted.
         baseline: the zero of the measurements, in their unit; of both segments of a force curve
-            two, of the approach and of the retraction.
+            two, of the approach and of the retraction, unless that has not detached.
         baseline_error: its standard error; zero if it was not fitted.
         tilt: the slope of the baseline, which is baseline + tilt load, over the length of the load;
-            of a force curve over the height, baseline + tilt height, and two of both segments.
+            of a force curve over the height, baseline + tilt height, and as many as baselines.
         tilt_error: its standard error; zero if it was not fitted.
         drift: how far the zero of the loads moves from the first measurement to the last, fitted to
             both segments of a force curve [length].

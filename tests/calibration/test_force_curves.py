@@ -187,6 +187,10 @@ def test_what_a_correction_leaves_is_what_the_zeros_of_a_fit_add(kind):
     forces = {"approach": (0.3, -2e-3), "retraction": (-0.2, 1e-3)}
     curve = with_zeros(exact, forces, 0.1)
     found = means_of(contact(), kind, curve, "both", 40)
+    assert found.zeros.drift_error is None
+    # Heights that move as fast as hysteresis have no drift to fit.
+    left = replace(curve, correction=replace(correction, removes_drift=False))
+    assert means_of(contact(), kind, left, "both", 40).zeros.drift_error == 0
     shifts, lines = map(np.asarray, found.zeros.responses())
     assert found.zeros.names == (
         "offset",
@@ -382,6 +386,8 @@ def test_a_map_with_holes_and_bad_curves_gives_maps_with_errors(law):
     apart = replace(fits, fits=(fits.fits[0], other), reasons=("", ""))
     assert np.isfinite(apart.values("solid.youngs_modulus")).sum() == 2
     assert np.argwhere(np.isfinite(apart.errors(fits.names[0]))).tolist() == [[0, 0]]
+    assert np.argwhere(np.isfinite(apart.values("other"))).tolist() == [[2, 1]]
+    assert apart.names == (*fits.names, "other") and "other" in repr(apart)
     alone = replace(fits, fits=(None, moved), reasons=("far away", ""))
     with pytest.raises(
         js.SolverError, match=r"^None of 2 curves has a fit. pixel \(0, 0\): On the o"
