@@ -224,3 +224,16 @@ def test_moves_of_another_precision_are_taken_and_none_below_zero():
     for max_move in (0, -0.1):
         with pytest.raises(ValueError, match="max_move"):
             js.PreconditionedConjugateGradient(max_move=max_move)
+
+
+def test_a_touch_without_adhesion_takes_no_more_steps_than_a_contact():
+    """Its energy is smaller than what rounding of the gap leaves in that."""
+    grid = js.Grid((64,))
+    rough = js.surfaces.self_affine(grid, jax.random.key(0), k_high=4, rms_height=0.005)
+    heights = js.surfaces.paraboloid(grid, radius=1.0) + rough
+    contact = js.Contact(js.HalfSpace(grid, 1.0), heights, js.potentials.NoAdhesion())
+    touch = jnp.max(heights) - jnp.mean(heights)
+    gaps = touch * (1 - np.logspace(-6, -2, 17))
+    found = js.sweep(contact, js.MeanGap(gaps), stability=False).equilibrium
+    assert (found.result == "successful").all()
+    assert (found.mean_pressure > 0).all() and found.num_steps.max() <= 20

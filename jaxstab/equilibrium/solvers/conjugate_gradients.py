@@ -183,10 +183,11 @@ def _attempt(problem: _Prepared, state: _DescentState, search: _LineSearch) -> _
     control = problem.control
     energy = problem.energy(state.balance)
     # The work of a load that is nearly nothing, as at a spring that has relaxed, is no more certain
-    # than the mean gap.
+    # than the mean gap, nor is that of the pressures.
     mean_gap = state.balance.mean_gap
     work = state.gap.size * mean_gap * jax.grad(control.energy)(mean_gap)
-    terms = state.balance.elastic_energy, state.balance.adhesion, energy, work
+    moved = mean_gap * total(state.balance.net)
+    terms = state.balance.elastic_energy, state.balance.adhesion, energy, work, moved
     noise = 100 * jnp.finfo(state.gap.dtype).eps * sum(map(jnp.abs, terms))
 
     gap = control.admissible(state.gap - search.length * search.direction)
