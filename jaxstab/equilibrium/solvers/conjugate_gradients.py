@@ -182,18 +182,17 @@ def _attempt(problem: _Prepared, state: _DescentState, search: _LineSearch) -> _
     """Return the gap at the length of a search, and whether that is where it ends."""
     control = problem.control
     energy = problem.energy(state.balance)
-    # The work of a load that is nearly nothing, as at a spring that has relaxed, is no more certain
-    # than the mean gap, nor is that of the pressures.
-    mean_gap = state.balance.mean_gap
-    work = state.gap.size * mean_gap * jax.grad(control.energy)(mean_gap)
-    moved = mean_gap * total(state.balance.net)
-    terms = state.balance.elastic_energy, state.balance.adhesion, energy, work, moved
-    noise = 100 * jnp.finfo(state.gap.dtype).eps * sum(map(jnp.abs, terms))
-
     gap = control.admissible(state.gap - search.length * search.direction)
     balance = problem.balance(gap)
     change = gap - state.gap
-    before, after = totals([state.balance.net * change, balance.net * change])
+    net = state.balance.net
+    before, after, force = totals([net * change, balance.net * change, net])
+    # The work of a load that is nearly nothing, as at a spring that has relaxed, is no more certain
+    # than the mean gap, nor is the work of the net pressures, as where surfaces just touch.
+    mean_gap = state.balance.mean_gap
+    works = state.gap.size * mean_gap * jax.grad(control.energy)(mean_gap), mean_gap * force
+    terms = state.balance.elastic_energy, state.balance.adhesion, energy, *works
+    noise = 100 * jnp.finfo(state.gap.dtype).eps * sum(map(jnp.abs, terms))
     gain = problem.energy(balance) - energy
     promised = _ARMIJO * jnp.minimum(before, 0)
     # Where rounding hides the gain, the slopes at both ends still show it.
