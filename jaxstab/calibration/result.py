@@ -13,7 +13,7 @@ from jaxstab.calibration.advice import Hints, drift_of, outlier_of, wrong_sign
 from jaxstab.calibration.least_squares import Curve, FitProblem, Measured
 from jaxstab.calibration.model import values_of
 from jaxstab.calibration.search import Search
-from jaxstab.calibration.zeros import KINDS
+from jaxstab.calibration.zeros import KINDS, kind_of
 from jaxstab.contact import Contact
 from jaxstab.core.checks import require_kind
 from jaxstab.core.compile import program
@@ -226,8 +226,9 @@ def numbers_of(fit: Calibration) -> tuple[np.ndarray, np.ndarray]:
 
 def _fitted_kinds(fit: Calibration) -> list[str]:
     """Return the kinds of the zeros that are fitted, in the order of the names."""
-    last = {name.rpartition(".")[-1] for name in fit.names[values_of(fit.parameters)[0].size :]}
-    return [kind for kind in KINDS if kind in last]
+    number = values_of(fit.parameters)[0].size
+    fitted = set(map(kind_of, fit.names[number:]))
+    return [kind for kind in KINDS if kind in fitted]
 
 
 def units_of(fit: Calibration) -> list[tuple[float, str]]:

@@ -48,8 +48,7 @@ class Zeros(eqx.Module):
     @property
     def kinds(self) -> tuple[str, ...]:
         """The kind of each zero."""
-        number = len(self.is_in)
-        return "offset", *["baseline"] * number, *["tilt"] * number, "drift"
+        return tuple(map(kind_of, self.names))
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -75,3 +74,8 @@ class Zeros(eqx.Module):
         ones = jnp.ones_like(lines[:, :1])
         loads = jnp.concatenate([ones, self.compliance * lines, self.clocks[:, None]], axis=1)
         return loads, jnp.pad(lines, ((0, 0), (1, 1)))
+
+
+def kind_of(name: str) -> str:
+    """Return the kind of a zero, the last part of its name."""
+    return name.rpartition(".")[-1]
