@@ -82,6 +82,13 @@ def flat_contact(law):
     return js.Contact(js.HalfSpace(grid, 1.0), jnp.zeros(grid.shape), law)
 
 
+def sphere_on_window():
+    """Return a sphere in a window, whose law attracts a part of it."""
+    grid = js.Grid(8, (1.0, 1.0))
+    sphere = js.surfaces.paraboloid(grid, radius=1.5)
+    return js.Contact(js.FreeHalfSpace(grid, 1.0), sphere, potentials.Gaussian(0.05, 0.3))
+
+
 def bisected(contact, load, start, step, holds=lambda state: True, resolution=1e-9):
     """Return the last load at which a warm-started equilibrium holds, by ever smaller steps."""
     state, value = js.equilibrate(contact, load(start)), start

@@ -7,7 +7,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from problems import bisected, rough_contact
+from problems import bisected, rough_contact, sphere_on_window
 from scipy.optimize import minimize_scalar
 
 import jaxstab as js
@@ -100,10 +100,7 @@ def test_from_full_contact_the_point_under_the_largest_tension_lets_go():
 @pytest.mark.nightly
 @pytest.mark.filterwarnings("ignore::jaxstab.WindowWarning")
 def test_on_a_window_a_sphere_comes_off_where_the_pull_of_a_held_far_side_is_largest():
-    grid = js.Grid(8, (1.0, 1.0))
-    sphere = js.surfaces.paraboloid(grid, radius=1.5)
-    law = js.potentials.Gaussian(0.05, 0.3)
-    contact = js.Contact(js.FreeHalfSpace(grid, 1.0), sphere, law)
+    contact = sphere_on_window()
 
     def pull(displacement):
         return float(js.equilibrate(contact, js.FarDisplacement(displacement)).mean_pressure)

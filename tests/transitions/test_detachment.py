@@ -6,7 +6,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from problems import with_units
+from problems import sphere_on_window, with_units
 from scipy.integrate import cumulative_trapezoid
 from scipy.interpolate import PchipInterpolator
 
@@ -232,10 +232,7 @@ def test_loads_and_numbers_without_a_detachment_are_refused_with_the_cure(detach
 @pytest.mark.nightly
 @pytest.mark.filterwarnings("ignore::jaxstab.WindowWarning")
 def test_barriers_of_a_window_are_those_of_its_passes():
-    grid = js.Grid(8, (1.0, 1.0))
-    sphere = js.surfaces.paraboloid(grid, radius=1.5)
-    law = js.potentials.Gaussian(0.05, 0.3)
-    contact = js.Contact(js.FreeHalfSpace(grid, 1.0), sphere, law)
+    contact = sphere_on_window()
     options = {"thermal_energy": 3e-4, "attempt_rate": 1e9, "rate": 1.0}
     found = js.detachment(contact, js.MeanPressure(-0.06), **options)
     tension = -float(found.quantile(0.2))
