@@ -33,12 +33,13 @@ from jaxstab.calibration.zeros import Zeros
 from jaxstab.contact import Contact, require_contact
 from jaxstab.contact.resolution import warn_if_coarse
 from jaxstab.core.checks import (
+    concrete,
     integer,
-    is_traced,
     is_transformed,
     require,
     require_one_of,
     require_positive,
+    where_known,
 )
 from jaxstab.core.compile import own_conventions, program
 from jaxstab.core.implicit import refuse_derivatives
@@ -239,14 +240,9 @@ def calibrate(
     pick = Pick.of(where, contact)
     w = measured.weights
     count = len(pick.names) + len(fitted)
-    weighed = w.size
-    if not is_traced(w):
-        weighed = int(jnp.sum(w > 0))
-    if not 0 < count < weighed:
-        raise ValueError(
-            f"There are {count} parameters for {weighed} measurements of any weight: take more of "
-            "these, or pick other parameters with `where`."
-        )
+    # Where JAX traces the weights, their number is known.
+    for number in (w.size, (concrete(w) > 0).sum()):
+        _require_fewer(count, number)
     cure = "one with a weight must differ from zero."
     if baseline:
         cure = "one with a weight must differ from the others, beside a baseline."
@@ -275,6 +271,16 @@ def calibrate(
             if noise is not None:
                 warn_above_noise(measured, fit.mean_pressure, len(fit.names), noise / contact.area)
     return throw_failure(fit.result, fit, lambda: describe(fit, measured, hints), throw)
+
+
+@where_known
+def _require_fewer(count: int, number: int) -> None:
+    """Raise `ValueError` unless there are parameters, and fewer than measurements."""
+    if not 0 < count < number:
+        raise ValueError(
+            f"There are {count} parameters for {number} measurements of any weight: take more of "
+            "these, or pick other parameters with `where`."
+        )
 
 
 class _Inputs(eqx.Module):

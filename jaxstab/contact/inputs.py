@@ -12,7 +12,6 @@ from jaxtyping import Array
 from jaxstab.core.checks import (
     concrete,
     is_readable,
-    is_sharded,
     numbers,
     require_finite,
     require_shape,
@@ -102,7 +101,7 @@ def require_sound(
         if solid.is_window:
             wrong = [*topography.wrong_scale, *topography.edge_faults]
         faults.warn(wrong)
-    elif not is_sharded(heights):
+    elif is_readable(heights):
         _warn_of_heights(heights, solid.grid.lengths, solid.is_window)
 
 

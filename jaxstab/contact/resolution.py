@@ -11,9 +11,9 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxstab.contact.contact import Contact, require_contact
-from jaxstab.core.checks import concrete, is_traced, positive_scalar, where_known
+from jaxstab.core.checks import concrete, positive_scalar, where_known
 from jaxstab.core.compile import program
-from jaxstab.core.display import times
+from jaxstab.core.display import text, times
 from jaxstab.core.types import ArrayLike, Scalar
 from jaxstab.core.warn import warn
 from jaxstab.solids.solid import Solid
@@ -98,12 +98,9 @@ def resolved_range(contact: Contact, resolution: ArrayLike = FOR_JUMPS) -> Scala
     factor = jnp.sqrt(needed / contact.resolution)
     length = getattr(contact.potential, "length", None)
     if not isinstance(length, jax.Array) or length.ndim > 0:
-        by = ""
-        if not is_traced(factor):
-            by = f" by {float(factor):.4g}"
         raise TypeError(
             f"The law is {contact.potential!r}, without one range in its field `length`: multiply "
-            f"the lengths of your law{by}, at the same work of adhesion."
+            f"the lengths of your law by {text(factor)}, at the same work of adhesion."
         )
     return factor * length
 

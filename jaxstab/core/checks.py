@@ -11,7 +11,7 @@ from contextlib import contextmanager
 from functools import cache, wraps
 from pathlib import Path
 from types import UnionType
-from typing import Any, ParamSpec, SupportsIndex, TypeGuard, TypeVar
+from typing import Any, ParamSpec, SupportsIndex, TypeVar
 
 import jax
 import jax.core
@@ -43,14 +43,10 @@ def _nothing() -> Array:
         return jax.device_put(np.zeros(()))
 
 
-def is_sharded(value: object) -> TypeGuard[Array]:
-    """Whether `value` is an array sharded over several devices."""
-    return isinstance(value, jax.Array) and not is_traced(value) and not value.is_fully_replicated
-
-
-def is_readable(value: object) -> bool:
-    """Whether the numbers of an array are known, and not spread over several devices."""
-    return not (is_traced(value) or is_sharded(value))
+def is_readable(value: PyTree) -> bool:
+    """Whether the numbers of all arrays are known, and none is sharded over several devices."""
+    arrays = [leaf for leaf in jax.tree.leaves(value) if isinstance(leaf, jax.Array)]
+    return not is_traced(arrays) and all(leaf.is_fully_replicated for leaf in arrays)
 
 
 def concrete(value: ArrayLike | np.generic) -> Any:
@@ -58,6 +54,13 @@ def concrete(value: ArrayLike | np.generic) -> Any:
     if not is_readable(value):
         return value
     return np.asarray(value)
+
+
+def without_derivatives(value: Any) -> Any:
+    """Return `value` without its derivatives, so that it is known while these are computed."""
+    if is_traced(value):
+        return jax.lax.stop_gradient(value)
+    return value
 
 
 def array(value: ArrayLike | np.generic | list, dtype: DTypeLike | None = None) -> Array:
@@ -257,9 +260,7 @@ def require(name: str, value: Any, holds: Any, cure: str) -> None:
     """Raise `ValueError` naming `value` and the `cure` where `holds`, if known, is false."""
     if is_traced(holds) or np.all(holds):
         return
-    if is_traced(value):
-        # Where derivatives are taken, comparisons are known, but values only without them.
-        value = jax.lax.stop_gradient(value)
+    value = without_derivatives(value)
     if np.ndim(holds) and np.shape(value) == np.shape(holds):
         index = np.unravel_index(int(holds.argmin()), holds.shape)
         value = f"{value[index]} at {tuple(map(int, index))}"
@@ -325,9 +326,9 @@ def are_finite(value: Float[Array | np.ndarray, "..."]) -> Array | np.ndarray:
     return abs(concrete(value)) < np.inf
 
 
+@where_known
 def require_finite(
     name: str, value: Float[Array | np.ndarray, "..."], cure: str = "give finite numbers."
 ) -> None:
     """Raise `ValueError` where `value`, if known, is NaN or infinite."""
-    if not is_traced(value):
-        require(name, value, are_finite(value), cure)
+    require(name, value, are_finite(value), cure)

@@ -46,18 +46,15 @@ def program(function: Callable[Given, Out], **options: Any) -> Callable[Given, O
         _require_memory_mappings()
         return function(*args, **kwargs)
 
+    @cache
+    def with_options() -> Callable[Given, Out]:
+        return jax.jit(traced, compiler_options=_compiler_options(), **options)
+
+    def outside(*args: Given.args, **kwargs: Given.kwargs) -> Out:
+        return with_options()(*args, **kwargs)
+
     # A program within another one cannot have compiler options.
-    inside = jax.jit(traced, **options)
-    outside = cache(lambda: jax.jit(traced, compiler_options=_compiler_options(), **options))
-
-    @wraps(function)
-    @own_conventions()
-    def call(*args: Given.args, **kwargs: Given.kwargs) -> Out:
-        if is_transformed((args, kwargs)):
-            return inside(*args, **kwargs)
-        return outside()(*args, **kwargs)
-
-    return call
+    return _one_of(jax.jit(traced, **options), wraps(function)(outside))
 
 
 def in_pieces(function: Callable[Given, Out]) -> Callable[Given, Out]:
@@ -66,14 +63,18 @@ def in_pieces(function: Callable[Given, Out]) -> Callable[Given, Out]:
     In a trace, or under a transformation, it is one program, by the entries of a batch.
     """
     # A program, or `jax.vmap` outside of `jax.jit` would compile it anew with each call.
-    whole = program(by_entries(function))
+    return _one_of(program(by_entries(function)), function)
 
-    @wraps(function)
+
+def _one_of(inside: Callable[Given, Out], outside: Callable[Given, Out]) -> Callable[Given, Out]:
+    """Return the function that calls one of two, the first under a transformation."""
+
+    @wraps(outside)
     @own_conventions()
     def call(*args: Given.args, **kwargs: Given.kwargs) -> Out:
         if is_transformed((args, kwargs)):
-            return whole(*args, **kwargs)
-        return function(*args, **kwargs)
+            return inside(*args, **kwargs)
+        return outside(*args, **kwargs)
 
     return call
 

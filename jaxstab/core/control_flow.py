@@ -103,13 +103,14 @@ def either(
     In a trace that is a branch on a CPU. An accelerator computes both and selects, since there a
     branch waits until the host has read which one is taken.
     """
-    if not is_traced(is_first):
+
+    def one(*args: Array) -> Out:
         return cond(is_first, partial(first, *args), partial(second, *args))
 
     def both(*args: Array) -> Out:
         return choose(is_first, first(*args), second(*args))
 
-    return on_platform(partial(jax.lax.cond, is_first, first, second), both, *args)
+    return on_platform(one, both, *args)
 
 
 def first_good(

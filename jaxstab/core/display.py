@@ -13,7 +13,7 @@ import jax
 import numpy as np
 from jaxtyping import Array
 
-from jaxstab.core.checks import is_traced
+from jaxstab.core.checks import without_derivatives
 from jaxstab.core.stack import Stackable
 from jaxstab.core.types import ArrayLike
 from jaxstab.core.units import (
@@ -145,9 +145,7 @@ def _texts(module: eqx.Module, units: Units) -> Iterator[tuple[str, str]]:
 
 def _described(value: Array | np.ndarray | np.number | np.bool) -> str:
     texts = []
-    if is_traced(value):
-        # While a derivative is computed the value is known all the same.
-        value = jax.lax.stop_gradient(value)
+    value = without_derivatives(value)
     if np.ndim(value) <= 1 and np.size(value) <= _MOST_NUMBERS:
         with suppress(*UNREADABLE):
             texts = [number(x) for x in np.atleast_1d(np.asarray(value)).tolist()]

@@ -9,7 +9,7 @@ import jax
 from jaxtyping import PyTree
 from tqdm import tqdm
 
-from jaxstab.core.checks import is_traced, is_transformed
+from jaxstab.core.checks import is_transformed, where_known
 
 # A step after this time shows a bar by itself, where somebody sees it [s].
 _DELAY = 2.0
@@ -49,9 +49,10 @@ def is_watched() -> bool:
     return sys.stderr.isatty() or type(sys.stderr).__module__.startswith("ipykernel")
 
 
+@where_known
 def advance_if_known(after: PyTree) -> None:
     """Move the bar by one unit once `after` is computed; inside of a trace do nothing."""
-    if _bars and not is_traced(after):
+    if _bars:
         jax.block_until_ready(after)
         _bars[-1].update()
 

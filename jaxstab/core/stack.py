@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, PyTree
 
-from jaxstab.core.checks import concrete, is_readable, is_sharded, is_traced
+from jaxstab.core.checks import concrete, is_readable, where_known
 
 Entry = TypeVar("Entry")
 
@@ -38,9 +38,7 @@ class Stackable:
             if index.size == 0:
                 # NumPy takes an empty list for one of floats.
                 index = index.astype(int)
-        if not is_traced(index):
-            # NumPy refuses an index beyond the end; JAX would take the last entry.
-            _ = np.broadcast_to(False, shape)[index]
+        _require_entry(shape, index)
         return jax.tree.map(lambda leaf: _entry(leaf, index), self)
 
     def __iter__(self) -> Iterator[Self]:
@@ -52,8 +50,14 @@ class Stackable:
         return self.stack_shape
 
 
+@where_known
+def _require_entry(shape: tuple[int, ...], index: PyTree) -> None:
+    """Raise `IndexError` for an index beyond the end, for which JAX would take the last entry."""
+    _ = np.broadcast_to(False, shape)[index]
+
+
 def _entry(leaf: Array, index: PyTree) -> Array:
-    if is_traced(index) or not is_readable(leaf) or jax.default_backend() != "cpu":
+    if not is_readable((leaf, index)) or jax.default_backend() != "cpu":
         return leaf[index]
     # NumPy indexes it, since JAX would compile for every shape.
     return jax.device_put(np.asarray(leaf)[index])
@@ -65,7 +69,7 @@ def stacked(entries: Sequence[Entry], like: Entry) -> Entry:
     def stack(one: Array, *leaves: Array) -> Array:
         if not leaves:
             return jax.device_put(np.zeros((0, *one.shape), one.dtype))
-        if is_sharded(leaves[0]):
+        if not is_readable(leaves[0]):
             return jnp.stack(leaves)
         # NumPy stacks them, since JAX would compile for every number of entries.
         return jax.device_put(np.stack(leaves))

@@ -170,7 +170,7 @@ def _follow_leg(stepping: TimeStepping, steps: Steps, leg: Leg) -> tuple[Steps, 
     return (replace(record, result=result), increments), end
 
 
-follow_leg = program(by_entries(_follow_leg))
+follow_leg = program(_follow_leg)
 
 
 @program

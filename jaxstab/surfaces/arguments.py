@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from jaxstab.core.checks import concrete, is_traced, require, require_shape, where_known
+from jaxstab.core.checks import concrete, require, require_shape, where_known
 from jaxstab.core.display import times
 from jaxstab.core.grid import Grid
 from jaxstab.core.units import unit_of
@@ -30,19 +30,10 @@ def checked_heights(values: Any, shape: tuple[int, ...]) -> np.ndarray:
 
 def require_same_grid(grid: Grid, own: Grid) -> None:
     """Raise `ValueError` if a grid is not a topography's own."""
-    given = f"{times(grid.shape)} points"
-    expected = f"{times(own.shape)} points"
-    agrees = grid.shape == own.shape
-    lengths = concrete(grid.lengths), concrete(own.lengths)
-    if not is_traced(lengths):
-        given += f" of {times(lengths[0], '.6g')}"
-        expected += f" of {times(lengths[1], '.6g')}"
-        agrees &= bool(np.allclose(*lengths, ROUNDING, 0))
-    if not agrees:
-        raise ValueError(
-            f"The grid has {given}, the topography {expected}: give the topography's own, as in "
-            "HalfSpace(topography.grid, ...)."
-        )
+    cure = f"give the topography's own, {own}, as in HalfSpace(topography.grid, ...)."
+    require("The grid", grid, grid.shape == own.shape, cure)
+    ratios = concrete(grid.lengths) / concrete(own.lengths)
+    require("The grid", grid, abs(ratios - 1) <= ROUNDING, cure)
 
 
 def checked_band(k_low: Any, k_high: Any) -> tuple[float, float]:

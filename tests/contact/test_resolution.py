@@ -143,7 +143,7 @@ def test_a_law_without_one_range_is_told_the_factor():
     for law in (lambda gap: -0.02 * jnp.exp(-100 * gap), varying, exponential + exponential):
         contact = js.Contact(solid, jnp.zeros(32), law)
         factor = float(jnp.sqrt(4 / contact.resolution))
-        with pytest.raises(TypeError, match=rf"multiply the lengths of your law by {factor:.4g}"):
+        with pytest.raises(TypeError, match=rf"multiply the lengths of your law by {factor:.6g}"):
             js.resolved_range(contact)
     with pytest.raises(ValueError, match=r"resolution is -1"):
         js.resolved_range(js.Contact(solid, jnp.zeros(32), exponential), -1)

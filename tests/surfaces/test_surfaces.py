@@ -302,7 +302,7 @@ STATISTICS = [
 def test_statistics_take_a_topography_on_its_own_grid_alone(statistic):
     topography = surfaces.Topography(GRID, HEIGHTS, "µm")
     np.testing.assert_array_equal(statistic(GRID, topography), statistic(GRID, HEIGHTS))
-    with pytest.raises(ValueError, match="the topography 8 x 12 points of 1 x 2: give"):
+    with pytest.raises(ValueError, match=r"own, .*\(8, 12\), lengths=\[1, 2\]"):
         statistic(js.Grid((8, 12), (1.0, 1.0)), topography)
     gap = surfaces.Topography(GRID, np.where(HEIGHTS > 2, np.nan, HEIGHTS))
     with pytest.raises(ValueError, match=r"of 96 are missing: fill them, as by .*\.filled\(\)`"):
