@@ -44,7 +44,7 @@ from .equilibrium.observables import (
     leakage,
     patches,
 )
-from .equilibrium.window import WindowWarning
+from .equilibrium.posing import WindowWarning
 from .evolution import (
     Evolution,
     Internal,

@@ -3,6 +3,7 @@
 from dataclasses import replace
 from pkgutil import iter_modules
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -222,6 +223,10 @@ def test_a_window_shows_forces_in_a_readable_unit(probe):
     # The area of the cell is 3600 nm^2, and 1 GPa nm^2 is 1 nN.
     np.testing.assert_allclose(float(number), 3600 * state.mean_pressure, rtol=1e-5)
     assert unit == "nN"
+    # In a trace there is no number.
+    texts = []
+    jax.eval_shape(lambda state: texts.append(str(state)) or state.force, state)
+    assert "  mean_pressure" in texts[0] and "  force" not in texts[0]
 
 
 def check_drawn_forces(path):

@@ -73,15 +73,13 @@ def states_along(contact: Contact, one: Load, points: PathPoint) -> tuple[Load, 
     gaps = None
     if points.gap.size:
         gaps = points.gap
-    return loads.at(points.value), States(
-        points.mean_gap,
-        points.mean_pressure,
-        points.contact_area,
-        jnp.broadcast_to(contact.area, points.energy.shape),
+    return loads.at(points.value), States.of(
+        contact,
         points.energy,
-        points.stored - points.stored[0] + points.dissipation,
-        points.dissipation,
-        gaps,
-        contact.units,
-        contact.solid.is_window,
+        mean_gap=points.mean_gap,
+        mean_pressure=points.mean_pressure,
+        contact_area=points.contact_area,
+        work=points.stored - points.stored[0] + points.dissipation,
+        dissipation=points.dissipation,
+        gap=gaps,
     )

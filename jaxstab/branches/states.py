@@ -5,9 +5,11 @@ from typing import Annotated, Any, Self
 
 import equinox as eqx
 import jax
+import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from jaxstab.contact import Contact
 from jaxstab.core.display import Outcome, several
 from jaxstab.core.units import (
     AREA,
@@ -20,6 +22,7 @@ from jaxstab.core.units import (
     Units,
     measured,
 )
+from jaxstab.equilibrium.equilibrium import PressedSurface
 from jaxstab.loads import Load
 
 
@@ -27,7 +30,7 @@ class PathInterrupted(UserWarning):
     """A path was interrupted; it holds the states so far."""
 
 
-class States(Outcome):
+class States(PressedSurface):
     """The recorded states of a path, in order.
 
     Attributes:
@@ -55,13 +58,16 @@ class States(Outcome):
     units: Units = eqx.field(static=True, default=NO_UNITS, repr=False)
     is_window: bool = eqx.field(static=True, default=False, repr=False)
 
-    @property
-    def force(self) -> Float[Array, "*states"]:
-        """The mean pressure times the area of the cell, positive in compression.
-
-        [force]; on a line it is a force per length across it [force/length].
-        """
-        return self.mean_pressure * self.area
+    @classmethod
+    def of(cls, contact: Contact, energy: Float[Array, "*states"], **fields: Any) -> "States":
+        """Return states of a contact, which gives area and units."""
+        return cls(
+            energy=energy,
+            area=jnp.broadcast_to(contact.area, energy.shape),
+            units=contact.units,
+            is_window=contact.solid.is_window,
+            **fields,
+        )
 
 
 class PathState(Outcome):

@@ -34,11 +34,11 @@ def load_column(load: Load, units: Units, form: str) -> dict[str, list[str]]:
 
 
 def state_columns(states: Any) -> dict[str, list[str]]:
-    """Return the columns of mean pressure and contact area, on a window beside the force."""
+    """Return the columns of mean pressure and contact area, beside any that states derive."""
     columns = {}
     units = states.units
-    if states.is_window:
-        columns = measured_columns({"force": states.force}, units, "force", "+.4g")
+    for name in states.derived:
+        columns |= measured_columns({name: getattr(states, name)}, units, name, "+.4g")
     columns |= measured_columns({"mean pressure": states.mean_pressure}, units, "pressure")
     return columns | {"contact area": percent_column(states.contact_area)}
 

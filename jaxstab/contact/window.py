@@ -3,9 +3,9 @@
 import jax.numpy as jnp
 
 from jaxstab.core.compile import program
-from jaxstab.core.grid import mirrored, padded, where_window
 from jaxstab.core.types import Field
 from jaxstab.potentials.varying import Potential, Within, varying_fields, with_fields
+from jaxstab.solids.free_half_space import mirrored, padded, where_window
 from jaxstab.solids.solid import Solid
 
 # How far below a surface that ends the solid may sink beyond it, over the surface's depth.

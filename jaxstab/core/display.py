@@ -47,8 +47,9 @@ def block(self: eqx.Module) -> str:
     holders = [self, *(getattr(self, field.name, None) for field in fields(self))]
     units = next((x.units for x in holders if hasattr(x, "units")), NO_UNITS)
     rows = {name: value for name, value in _texts(self, units) if value != "None"}
-    if getattr(self, "is_window", False) and np.ndim(force := getattr(self, "force", 0)) == 0:
-        rows["force"] = measured(units, float(force), "force", digits=6)
+    for name in getattr(self, "derived", ()):
+        with suppress(*UNREADABLE):
+            rows[name] = measured(units, float(getattr(self, name)), name, digits=6)
     width = max(map(len, rows), default=0)
     return "\n".join([type(self).__name__, *(f"  {k:<{width}}  {v}" for k, v in rows.items())])
 
@@ -57,6 +58,11 @@ class Outcome(Stackable, Dimensioned):
     """The result of a solve, or of many: with units, a sequence, and a line for each field."""
 
     __repr__ = block
+
+    @property
+    def derived(self) -> tuple[str, ...]:
+        """Properties that are shown beside the fields, each named by its dimension."""
+        return ()
 
 
 def readable(text: Callable[[Any], str]) -> Callable[[Any], str]:

@@ -143,7 +143,7 @@ class Grid(eqx.Module):
     def transform(self, field: Field) -> Complex[Array, " *modes"]:
         """Return the half spectrum of a field, as `rfftn` does.
 
-        On several devices its axes are swapped and padded with modes of multiplicity zero.
+        On several devices its axes are swapped and extended by modes of multiplicity zero.
         """
         return fft.transform(field, self.sharding)
 
@@ -268,21 +268,3 @@ def mean_over(mask: Mask, field: Field) -> Scalar:
     # Not in one pass: derivatives transpose the sum, in which the count is a constant.
     count = jnp.maximum(total(mask.astype(field.dtype)), 1)
     return total(jnp.where(mask, field, 0)) / count
-
-
-def padded(field: Field, value: ArrayLike) -> Field:
-    """Pad a field on the window to twice the points a side by a value."""
-    # Not `jnp.pad`: its value has a derivative too, which reverse mode cannot take without one of
-    # the field.
-    whole = jnp.full([2 * n for n in field.shape], value, field.dtype)
-    return whole.at[tuple(slice(n) for n in field.shape)].set(field)
-
-
-def where_window(field: Field) -> Mask:
-    """Return the mask of a field's window on twice the points a side."""
-    return padded(jnp.ones_like(field, bool), False)
-
-
-def mirrored(field: Field) -> Field:
-    """Pad a field on the window to twice the points a side by its mirror images."""
-    return jnp.pad(field, [(0, n) for n in field.shape], mode="symmetric")

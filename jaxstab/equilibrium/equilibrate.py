@@ -22,12 +22,11 @@ from jaxstab.equilibrium.equilibrium import (
     State,
     equilibrium_at,
 )
-from jaxstab.equilibrium.posing import Posed, finished, posed
+from jaxstab.equilibrium.posing import Posed, finished, posed, warn_at_edges
 from jaxstab.equilibrium.solvers.base import EquilibriumSolver, Problem
 from jaxstab.equilibrium.solvers.base import State as SolverState
 from jaxstab.equilibrium.solvers.conjugate_gradients import PreconditionedConjugateGradient
 from jaxstab.equilibrium.start import start_of
-from jaxstab.equilibrium.window import warn_at_edges
 from jaxstab.loads.held_gap import GapControl
 from jaxstab.loads.load import Control, Load, require_loads
 

@@ -5,7 +5,7 @@ from typing import Annotated, Any, Protocol
 
 import equinox as eqx
 import jax.numpy as jnp
-from jaxtyping import Array, Int
+from jaxtyping import Array, Float, Int
 
 from jaxstab.contact.contact import Contact, require_contact
 from jaxstab.contact.residual import Balance
@@ -35,7 +35,30 @@ Fields = dict[str, Array]
 DIFFERENTIABLE = ("displacement", "gap", "pressure", "reaction", "mean_pressure", "energy")
 
 
-class Equilibrium(Outcome):
+class PressedSurface(Outcome):
+    """A surface under a mean pressure, or several; if it is a window, the force is shown too."""
+
+    mean_pressure: eqx.AbstractVar[Float[Array, "..."]]
+    area: eqx.AbstractVar[Float[Array, "..."]]
+    is_window: eqx.AbstractVar[bool]
+
+    @property
+    def force(self) -> Float[Array, "..."]:
+        """The mean pressure times the area of the cell, positive in compression.
+
+        [force]; on a line it is a force per length across it [force/length].
+        """
+        return self.mean_pressure * self.area
+
+    @property
+    def derived(self) -> tuple[str, ...]:
+        """The force, if the surface is a window."""
+        if self.is_window:
+            return ("force",)
+        return ()
+
+
+class Equilibrium(PressedSurface):
     """An equilibrium K u + p0 + f'(g) = mu, g >= 0, mu >= 0, mu g = 0 (Rey & Bleyer, 9 and 10).
 
     Attributes:
@@ -76,14 +99,6 @@ class Equilibrium(Outcome):
     history: History
     units: Units = eqx.field(static=True, default=NO_UNITS, repr=False)
     is_window: bool = eqx.field(static=True, default=False, repr=False)
-
-    @property
-    def force(self) -> Scalar:
-        """The mean pressure times the area of the cell, positive in compression.
-
-        [force]; on a line it is a force per length across it [force/length].
-        """
-        return self.mean_pressure * self.area
 
     def in_units_of(self, pressure: Scalar) -> "Equilibrium":
         """Return the same with pressures in another unit; no result where its energy overflows."""

@@ -9,7 +9,7 @@ from jaxstab.core.compile import program
 from jaxstab.core.grid import resample
 from jaxstab.core.types import ArrayLike, Field
 from jaxstab.equilibrium.equilibrium import Equilibrium, State, single_start
-from jaxstab.equilibrium.window import continued, relaxed_outside
+from jaxstab.equilibrium.posing import continued, relaxed_outside
 from jaxstab.loads.load import Control, Load
 
 Initial = ArrayLike | State | None
@@ -70,7 +70,7 @@ def given_gap(contact: Contact, load: Load, initial: ArrayLike | State) -> Field
 @program
 def _at_rest(contact: Contact, load: Load) -> Field:
     heights = contact.solid.surface(contact.heights)
-    # A solid that is not deformed has no pressures outside of a window either.
+    # A solid that is not deformed has no pressures beyond the surface either.
     return continued(contact, _control_of_surface(contact, load).starting_gap(heights))
 
 
@@ -86,6 +86,6 @@ def _kind_of_control(contact: Contact, load: Load) -> Control:
 
 
 def _control_of_surface(contact: Contact, load: Load) -> Control:
-    """Return the condition of a load on the gap of the surface, which a window cuts out."""
+    """Return the condition of a load on the gap of the surface itself."""
     heights = contact.solid.surface(contact.heights)
     return load.relative_to(contact.datum).control(contact.solid, heights)

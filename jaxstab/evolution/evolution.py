@@ -143,17 +143,15 @@ class Evolution(Totals):
         gap = None
         if self.fields is not None:
             gap = contact.solid.padded.surface(self.fields.gap)
-        return States(
-            self.mean_gap,
-            self.mean_pressure,
-            self.contact_area,
-            area=jnp.broadcast_to(contact.area, self.mean_gap.shape),
-            energy=self.stored,
+        return States.of(
+            contact,
+            self.stored,
+            mean_gap=self.mean_gap,
+            mean_pressure=self.mean_pressure,
+            contact_area=self.contact_area,
             work=self.work,
             dissipation=self.lost,
             gap=gap,
-            units=contact.units,
-            is_window=contact.solid.is_window,
         )
 
     @property

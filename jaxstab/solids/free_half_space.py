@@ -13,9 +13,9 @@ import numpy as np
 from jaxtyping import Array
 
 from jaxstab.core.compile import program
-from jaxstab.core.grid import Grid, mirrored, padded
+from jaxstab.core.grid import Grid
 from jaxstab.core.linear_system import LinearSystem
-from jaxstab.core.types import ArrayLike, Field, FieldMap, Scalar
+from jaxstab.core.types import ArrayLike, Field, FieldMap, Mask, Scalar
 from jaxstab.core.units import NUMBER, PRESSURE
 from jaxstab.solids.moduli import contact_modulus, elastic_constants
 from jaxstab.solids.solid import Solid
@@ -149,6 +149,24 @@ class FreeHalfSpace(Solid):
 @jax.jit
 def _first(padded: Padded, field: Array) -> Array:
     return padded.grid.device_put(field[(..., *(slice(n) for n in padded.window))])
+
+
+def padded(field: Field, value: ArrayLike) -> Field:
+    """Pad a field on the window to twice the points a side by a value."""
+    # Not `jnp.pad`: its value has a derivative too, which reverse mode cannot take without one of
+    # the field.
+    whole = jnp.full([2 * n for n in field.shape], value, field.dtype)
+    return whole.at[tuple(slice(n) for n in field.shape)].set(field)
+
+
+def where_window(field: Field) -> Mask:
+    """Return the mask of a field's window on twice the points a side."""
+    return padded(jnp.ones_like(field, bool), False)
+
+
+def mirrored(field: Field) -> Field:
+    """Pad a field on the window to twice the points a side by its mirror images."""
+    return jnp.pad(field, [(0, n) for n in field.shape], mode="symmetric")
 
 
 @program
