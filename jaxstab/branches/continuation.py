@@ -1,7 +1,6 @@
 """The branch of equilibria from one load to another, around its folds and active-set changes."""
 
 import math
-from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 from typing import TypeVar
@@ -36,7 +35,7 @@ from jaxstab.core.checks import (
     require_positive,
     scalar_parameter,
 )
-from jaxstab.core.compile import own_conventions
+from jaxstab.core.compile import own_conventions, program
 from jaxstab.core.control_flow import by_entries, cond, while_loop
 from jaxstab.core.display import several
 from jaxstab.core.implicit import refuse_derivatives
@@ -46,7 +45,11 @@ from jaxstab.core.results import RESULTS
 from jaxstab.core.table import Table
 from jaxstab.core.types import ArrayLike, Field, Flag, Scalar
 from jaxstab.core.warn import warn
-from jaxstab.equilibrium import PreconditionedConjugateGradient, SaddleNewton
+from jaxstab.equilibrium import (
+    EquilibriumSolver,
+    PreconditionedConjugateGradient,
+    SaddleNewton,
+)
 from jaxstab.equilibrium.equilibrate import find
 from jaxstab.equilibrium.equilibrium import State
 from jaxstab.equilibrium.posing import finished, posed
@@ -125,14 +128,16 @@ def continuation(
     warn_if_coarse(contact, FOR_JUMPS)
     problem = posed(contact, load)
     start = start_of(problem.contact, problem.state[0], initial)
-    given = problem.contact, problem.state, start, [longest, shortest]
+    solver = PreconditionedConjugateGradient()
+    if isinstance(initial, eqx.Module):
+        solver = SaddleNewton()
+    given = problem.contact, problem.state, solver, start, [longest, shortest]
     constants = jax.lax.stop_gradient(refuse_derivatives(given))
     with own_conventions(), progress_bar(number, "states", shown=progress, inputs=constants):
-        begun = partial(_begun, isinstance(initial, eqx.Module))
         if is_traced(constants):
-            branch = by_entries(partial(_with_room, number, fields, begun))(*constants)
+            branch = _with_room(_Room(number, fields), *constants)
         else:
-            branch = _known(number, fields, begun(*constants))
+            branch = _known(number, fields, _begun(*constants))
     # An interrupt here would lose a long branch.
     with interrupts_held() as held:
         branch = finished(branch, problem, partial(_describe, load), throw)
@@ -150,11 +155,12 @@ def _positive(name: str, step: ArrayLike | None) -> Scalar | None:
 
 
 def _begun(
-    is_state: bool, contact: Contact, load: Load, start: Field, steps: list[Scalar | None]
+    contact: Contact,
+    load: Load,
+    solver: EquilibriumSolver,
+    start: Field,
+    steps: list[Scalar | None],
 ) -> Begun:
-    solver = PreconditionedConjugateGradient()
-    if is_state:
-        solver = SaddleNewton()
     problem, branch = begin(contact, load, find(contact, load[0], solver, start), *steps)
     return problem, branch, *entry_of(problem, branch)
 
@@ -210,10 +216,20 @@ def _known(number: int, fields: bool, begun: Begun) -> Branch:
         return _branch(problem, recording.branch, *recording.rows())
 
 
-def _with_room(number: int, fields: bool, begun: Callable[..., Begun], *inputs: PyTree) -> Branch:
+class _Room(eqx.Module):
+    """Room for a number of states, with or without their gaps."""
+
+    num_states: int = eqx.field(static=True)
+    fields: bool = eqx.field(static=True)
+
+
+@program
+@by_entries
+def _with_room(room: _Room, *inputs: PyTree) -> Branch:
     """Return a branch in room for a number of states, within a program."""
-    problem, branch, entry, turn = begun(*inputs)
-    states = Table.like(entry, number, fields).with_entry(entry, jnp.array(True))
+    problem, branch, entry, turn = _begun(*inputs)
+    states = Table.like(entry, room.num_states, room.fields)
+    states = states.with_entry(entry, jnp.array(True))
     tables = Tables(states, Table.like(turn, _MAX_TURNS))
     branch, tables = _followed(problem, branch, tables)
     is_cut = branch.is_on & tables.turns.is_full & ~tables.states.is_full

@@ -12,6 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from brute_force import on_zero_mean, periodic_stiffness
+from programs import compilations
 
 import jaxstab as js
 from jaxstab.branches import morse_index
@@ -193,6 +194,28 @@ def test_under_jit_it_is_the_same(hertz):
     np.testing.assert_allclose(within.load.value, alone.load.value, rtol=1e-8)
     np.testing.assert_array_equal(within.index, alone.index)
     np.testing.assert_allclose(within.turns.load.value[0], alone.turns.load.value[0], rtol=1e-9)
+
+
+@pytest.mark.nightly
+def test_a_batch_of_branches_is_the_same_and_compiled_once():
+    grid = js.Grid((16,), (1.0,))
+    contact = js.Contact(
+        js.HalfSpace(grid, 1.0),
+        js.surfaces.sinusoid(grid, 0.05),
+        js.potentials.Exponential(0.01, 0.05),
+    )
+
+    def pressures(values):
+        branch = js.continuation(contact, js.MeanGap(values), max_states=6, throw=False)
+        return branch.equilibrium.mean_pressure
+
+    values = jnp.array([[0.3, 0.05], [0.25, 0.05]])
+    others = values + 0.01
+    batch = jax.vmap(pressures)(values)
+    np.testing.assert_allclose(batch[1], pressures(values[1]), rtol=1e-9)
+    with compilations() as compiled:
+        jax.vmap(pressures)(others)
+    assert compiled == []
 
 
 def test_bad_loads_are_refused(hertz):
