@@ -16,6 +16,7 @@ from jaxtyping import Array, Int
 
 from jaxstab.branches.point import PathPoint, point_of
 from jaxstab.core.checks import concrete
+from jaxstab.core.compile import program
 from jaxstab.core.control_flow import choose
 from jaxstab.core.results import RESULTS
 from jaxstab.core.types import Flag, Scalar
@@ -138,6 +139,7 @@ class StepOutcome(eqx.Module):
         return self.is_smooth | self.is_event | self.is_apart
 
 
+@program
 def next_step(load_path: LoadPath, progress: Progress) -> TrialStep:
     """Return the next step to try."""
     here = progress.here
@@ -217,6 +219,7 @@ def _outcome_of(
     )
 
 
+@program
 def apply_step(
     load_path: LoadPath, progress: Progress, trial: TrialStep, equilibrium: Equilibrium
 ) -> tuple[Progress, Record]:

@@ -18,7 +18,6 @@ from jaxstab.equilibrium import Equilibrium
 from jaxstab.loading.jump_detection import (
     Bisection,
     Progress,
-    TrialStep,
     apply_step,
     next_step,
 )
@@ -51,31 +50,22 @@ def step_to_end(
         empty: returns empty records for records like one.
     """
     first = _first_start(load_path, start).equilibrium(load_path.contact)
-    progress, trial, record = _first_state(load_path, first)
+    progress, record = _first_state(load_path, first)
     records = empty(record).append(record)
 
-    def goes_on(state: tuple[Progress, TrialStep, Records]) -> Flag:
-        progress, _, records = state
+    def goes_on(state: tuple[Progress, Records]) -> Flag:
+        progress, records = state
         return progress.is_open(load_path.load) & ~concrete(records.is_full)
 
-    def step(state: tuple[Progress, TrialStep, Records]) -> tuple[Progress, TrialStep, Records]:
-        progress, trial, records = state
+    def step(state: tuple[Progress, Records]) -> tuple[Progress, Records]:
+        progress, records = state
+        trial = next_step(load_path, progress)
         found = trial.start.equilibrium(load_path.contact)
-        after, next_trial, record = _judged(load_path, progress, trial, found)
+        progress, record = apply_step(load_path, progress, trial, found)
         advance_to(lambda: int(100 * fraction_done(load_path.load, record)))
-        return after, next_trial, records.append(record)
+        return progress, records.append(record)
 
-    progress, _, records = while_loop(goes_on, step, (progress, trial, records))
-    return progress, records
-
-
-@program
-def _judged(
-    load_path: LoadPath, progress: Progress, trial: TrialStep, found: Equilibrium
-) -> tuple[Progress, TrialStep, Record]:
-    """Return the progress after a step, the next one to try, and the record of the step."""
-    after, record = apply_step(load_path, progress, trial, found)
-    return after, next_step(load_path, after), record
+    return while_loop(goes_on, step, (progress, records))
 
 
 @program
@@ -85,8 +75,8 @@ def _first_start(load_path: LoadPath, start: Field) -> Start:
 
 
 @program
-def _first_state(load_path: LoadPath, found: Equilibrium) -> tuple[Progress, TrialStep, Record]:
-    """Return the progress at the first turning point, the first step to try, and its record."""
+def _first_state(load_path: LoadPath, found: Equilibrium) -> tuple[Progress, Record]:
+    """Return the progress at the first turning point, and its record."""
     turns = load_path.load.value
     none = jnp.array(0)
     here = point_of(load_path.contact, found, turns[0])
@@ -121,8 +111,7 @@ def _first_state(load_path: LoadPath, found: Equilibrium) -> tuple[Progress, Tri
         is_pulled=no,
         is_touch=no,
     )
-    record = Record(here, yes, nothing, no, none, result)
-    return progress, next_step(load_path, progress), record
+    return progress, Record(here, yes, nothing, no, none, result)
 
 
 def fraction_done(load: Load, record: Record) -> float:

@@ -38,15 +38,16 @@ def test_entries_of_a_batch_are_those_alone(hertz):
 def interrupted(interruptible, monkeypatch):
     """Interrupt a path at its seventh step."""
     module = sys.modules["jaxstab.loading.load_stepping"]
-    judged, calls = module._judged, []
+    apply_step = module.apply_step
+    calls = []
 
     def interrupted(*arguments):
         calls.append(None)
         if len(calls) == 7:
             signal.raise_signal(signal.SIGINT)
-        return judged(*arguments)
+        return apply_step(*arguments)
 
-    monkeypatch.setattr(module, "_judged", interrupted)
+    monkeypatch.setattr(module, "apply_step", interrupted)
 
 
 @pytest.mark.usefixtures("interrupted")
