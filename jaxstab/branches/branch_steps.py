@@ -197,7 +197,7 @@ def _after(
     is_stuck = ~jnp.any(step.here.is_free) & (problem.curve.load_gradient.pressure == 0)
     end = KINDS.where(is_stuck, KINDS.full_contact, end)
     end = KINDS.where(_goes_apart(problem, step), KINDS.separated, end)
-    is_loop = step.is_new & _closes(problem.curve, branch, step.here.at)
+    is_loop = step.is_new & closes_loop(problem.curve, branch, step.here.at)
     end = KINDS.where(is_loop, KINDS.loop, end)
     end = KINDS.where(step.is_there, KINDS.load, end)
     return branch.count + step.is_new, end
@@ -214,7 +214,7 @@ def _goes_apart(problem: ContinuationProblem, step: ArclengthStep) -> Flag:
     return step.is_new & is_far & ((problem.last - value) * problem.last >= 0)
 
 
-def _closes(curve: Curve, branch: BranchState, at: Point) -> Flag:
+def closes_loop(curve: Curve, branch: BranchState, at: Point) -> Flag:
     """Return whether the last step has come back to where the branch began."""
     row = curve.gradient_of(branch.start.tangent)
     before = row.times(branch.step.here.at.minus(branch.start.at))

@@ -179,7 +179,7 @@ def _limit(contact: Contact, loads: Load, start: Field) -> Limit:
         tolerance = AT_STATES[contact.heights.dtype.name]
         solver = PreconditionedConjugateGradient(max_move=search.max_move, tolerance=tolerance)
         found = find(contact, search.loads[0], solver, search.limit.gap)
-        result, is_left = _is_left(contact, search, found)
+        result, is_left = leaves_branch(contact, search, found)
         found = replace(found, result=result)
         limit, is_stable = cond(
             is_left,
@@ -188,13 +188,13 @@ def _limit(contact: Contact, loads: Load, start: Field) -> Limit:
         )
         return _continued(search, loads, limit, is_stable, is_left)
 
-    begun = _begun(contact, loads, start)
+    begun = search_from(contact, loads, start)
     search = while_loop(lambda search: search.is_open, next_limit, begun)
     return replace(search.limit, result=_result(search))
 
 
 @program
-def _begun(contact: Contact, loads: Load, start: Field) -> _Search:
+def search_from(contact: Contact, loads: Load, start: Field) -> _Search:
     """Return that no limit is known, and the search for the first branch."""
     dtype = contact.heights.dtype
     loads = loads.at(loads.value.astype(dtype))
@@ -215,7 +215,7 @@ def _just_beyond(loads: Load) -> Scalar:
 
 
 @program
-def _is_left(contact: Contact, search: _Search, found: Equilibrium) -> tuple[RESULTS, Flag]:
+def leaves_branch(contact: Contact, search: _Search, found: Equilibrium) -> tuple[RESULTS, Flag]:
     """Return how an equilibrium was found, and whether the branch was left for good before it."""
     close = 10 * EQUILIBRIUM[contact.heights.dtype.name]
     is_close = (found.result == RESULTS.stagnated) & (found.residual <= close)

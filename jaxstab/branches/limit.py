@@ -286,7 +286,7 @@ def limit_of(problem: ContinuationProblem, branch: BranchState) -> Limit:
     modes = search.after.step.modes
     contact = problem.curve.contact
     pair = lowest_pair(contact, seen.load, seen.at.gap, seen.opened, modes, EQUILIBRIUM[dtype.name])
-    return _limit(problem, branch.result, search, seen, pair)
+    return limit_between(problem, branch.result, search, seen, pair)
 
 
 @program
@@ -369,7 +369,7 @@ def _seen(problem: ContinuationProblem, search: _LimitSearch) -> _Seen:
 
 
 @program
-def _limit(
+def limit_between(
     problem: ContinuationProblem,
     begun: RESULTS,
     search: _LimitSearch,

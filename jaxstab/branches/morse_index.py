@@ -33,7 +33,7 @@ MOST = _MANY - 1
 UNKNOWN = -1
 
 
-class _CurveDavidson(Davidson):
+class CurveDavidson(Davidson):
     """Davidson's method until the lowest modes, or only the signs of their eigenvalues, are known.
 
     There are at least as many negative eigenvalues as there are negative Ritz values. So for the
@@ -102,7 +102,7 @@ def index_of(
     def count(modes: Block) -> LowestModes:
         # The last of the modes converges slowly, and only its sign is of use.
         tolerance = ALONG_CURVES[gap.dtype.name]
-        solver = _CurveDavidson(tolerance, number=len(modes) - 1, signs_only=not precise)
+        solver = CurveDavidson(tolerance, number=len(modes) - 1, signs_only=not precise)
         return _lowest_modes(contact, load, gap, gap, modes, solver.in_precision(gap.dtype))
 
     few = count(modes)
@@ -115,13 +115,13 @@ def lowest_pair(
     contact: Contact, load: Load, gap: Field, opened: Field, modes: Block, tolerance: float
 ) -> Eigenpair:
     """Return the lowest eigenpair on the points of positive opened gap, from modes nearby."""
-    solver = _CurveDavidson(tolerance).in_precision(gap.dtype)
+    solver = CurveDavidson(tolerance).in_precision(gap.dtype)
     return _lowest_modes(contact, load, gap, opened, modes, solver).pair
 
 
 @program
 def _lowest_modes(
-    contact: Contact, load: Load, gap: Field, opened: Field, modes: Block, solver: _CurveDavidson
+    contact: Contact, load: Load, gap: Field, opened: Field, modes: Block, solver: CurveDavidson
 ) -> LowestModes:
     pair, eigenvalues, modes = _lowest(contact, load, gap, opened > 0, modes, solver)
     is_known = pair.result == RESULTS.successful
@@ -157,7 +157,7 @@ def driven_index_of(
 
     Modes that break a symmetry of the contact have none. Ten are counted; more are `UNKNOWN`.
     """
-    solver = _CurveDavidson(EQUILIBRIUM[gap.dtype.name], number=_SOME - 1)
+    solver = CurveDavidson(EQUILIBRIUM[gap.dtype.name], number=_SOME - 1)
     none = jnp.zeros((_SOME, *gap.shape), gap.dtype)
     pair, values, modes = _lowest(contact, load, gap, is_free, none, solver)
     is_negative = values < 0
@@ -174,7 +174,7 @@ def _lowest(
     gap: Field,
     is_moving: Mask,
     modes: Block,
-    solver: _CurveDavidson,
+    solver: CurveDavidson,
 ) -> tuple[Eigenpair, Float[Array, " modes-1"], Block]:
     """Return the lowest eigenpair, the lowest eigenvalues, and modes, from modes of a state nearby.
 

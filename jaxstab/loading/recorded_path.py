@@ -183,7 +183,7 @@ def _path(
     """Return the path through points to its last state, without its jumps."""
     contact = load_path.contact
     is_branch = (jnp.diff(points.dissipation) == 0) & jnp.isfinite(points.value[1:])
-    unlocated, error = _unlocated_loss(points, is_branch)
+    unlocated, error = unlocated_loss(points, is_branch)
     # Steps are taken whose work is no better known. Where F has a kink, as where a soft machine
     # comes into contact, parabolas do not tell.
     tolerance = load_path.smallest_loss(here)
@@ -206,7 +206,7 @@ def _path(
     )
 
 
-def _unlocated_loss(points: PathPoint, is_branch: Bool[Array, " steps"]) -> tuple[Scalar, Scalar]:
+def unlocated_loss(points: PathPoint, is_branch: Bool[Array, " steps"]) -> tuple[Scalar, Scalar]:
     """Return the loss of steps along branches, and the error of the quadrature of their work.
 
     On each step F is the mean of the two parabolas through its ends and the state before, or the

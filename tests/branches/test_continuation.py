@@ -16,7 +16,7 @@ from programs import compilations
 
 import jaxstab as js
 from jaxstab.branches import morse_index
-from jaxstab.branches.branch_steps import _closes
+from jaxstab.branches.branch_steps import closes_loop
 from jaxstab.branches.curve import Curve, Place, Point
 from jaxstab.references import maugis
 
@@ -94,8 +94,8 @@ def test_an_interrupt_before_the_last_state_is_kept_leaves_no_end_of_it(hertz, m
 def test_an_index_that_is_not_found_is_not_a_number_of_ways(hertz, branch, monkeypatch):
     assert "unknown" not in repr(branch)
     load, gap = branch[0].load, branch.equilibrium.gap[0]
-    short = partial(morse_index._CurveDavidson, max_steps=2)
-    monkeypatch.setattr(morse_index, "_CurveDavidson", short)
+    short = partial(morse_index.CurveDavidson, max_steps=2)
+    monkeypatch.setattr(morse_index, "CurveDavidson", short)
     found, _ = morse_index.index_of(hertz, load, gap, morse_index.no_modes(gap))
     assert found == -1
     assert "1 of unknown index, " in repr(replace(branch, index=branch.index.at[2].set(found)))
@@ -249,7 +249,7 @@ def test_a_branch_is_a_loop_once_a_step_passes_its_start():
         start = Place(Point(jnp.array(points[0]), jnp.zeros(())), jnp.ones(2, bool), tangent)
         step = SimpleNamespace(here=SimpleNamespace(at=before))
         return bool(
-            _closes(curve, SimpleNamespace(start=start, step=step, count=len(points)), last)
+            closes_loop(curve, SimpleNamespace(start=start, step=step, count=len(points)), last)
         )
 
     # Steps along a circle of radius 0.1 around (1, 1.1), from its lowest point on.

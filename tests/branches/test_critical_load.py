@@ -321,14 +321,14 @@ def test_in_any_unit_a_release_lies_where_the_dense_curve_turns(unit):
 @pytest.mark.filterwarnings("ignore::jaxstab.ResolutionWarning")
 def test_a_release_is_uncertain_while_a_reaction_is_left(monkeypatch):
     module = import_module("jaxstab.branches.limit")
-    judge = module._limit
+    judge = module.limit_between
     judged = []
 
     def kept(*inputs):
         judged.append(inputs)
         return judge(*inputs)
 
-    monkeypatch.setattr(module, "_limit", kept)
+    monkeypatch.setattr(module, "limit_between", kept)
     assert js.critical_load(sticky_line(), js.MeanGap(jnp.array([0.1, 0.25]))).kind == "release"
     *before, seen, pair = judged[-1]
     # With no free points the pressures balance at any mean pressure.
@@ -342,10 +342,10 @@ def is_left(contact, before, after):
     """Return whether the branch from an end is given up where another state is found beyond."""
     module = import_module("jaxstab.branches.critical_load")
     loads = before.load.at(jnp.stack([before.load.value, after.load.value]))
-    search = module._begun(contact, loads, before.gap)
+    search = module.search_from(contact, loads, before.gap)
     end = replace(search.limit, load=loads[0], gap=before.gap, result=js.RESULTS.successful)
     search = replace(search, limit=end, number=search.number + 1)
-    result, is_left = module._is_left(contact, search, after)
+    result, is_left = module.leaves_branch(contact, search, after)
     assert result == "successful"
     return bool(is_left)
 

@@ -181,10 +181,10 @@ def test_what_energies_lose_between_jumps_is_the_work_that_is_missing(loop):
     force, potential = 3 * values**2 - values, values**3 - values**2 / 2 + changes
     points = replace(points, value=values, force=force, potential=potential)
     # In the first and the last step there is one parabola, which is compared with a trapezoid.
-    lost = recorded_path._unlocated_loss(points, jnp.ones(5, bool))
+    lost = recorded_path.unlocated_loss(points, jnp.ones(5, bool))
     np.testing.assert_allclose(lost, [-0.25, (0.1**3 + 0.3**3) / 2], rtol=1e-12)
     # Where there is a jump it does not count.
-    lost = recorded_path._unlocated_loss(points, jnp.arange(5) != 2)
+    lost = recorded_path.unlocated_loss(points, jnp.arange(5) != 2)
     np.testing.assert_allclose(lost, [0, (0.1**3 + 0.2**3 + 2 * 0.3**3) / 2], atol=1e-14)
     # Two states a rounding apart, whose forces differ by theirs, count as one.
     near = [0, 1, 2, 3, 3, 4, 5]
@@ -194,7 +194,7 @@ def test_what_energies_lose_between_jumps_is_the_work_that_is_missing(loop):
         value=twice.value.at[4].set(jnp.nextafter(twice.value[3], 1.0)),
         force=twice.force.at[4].add(1e-12),
     )
-    lost = recorded_path._unlocated_loss(twice, jnp.array([True, True, False, True, True, True]))
+    lost = recorded_path.unlocated_loss(twice, jnp.array([True, True, False, True, True, True]))
     np.testing.assert_allclose(lost[0], 0, atol=1e-11)
     assert lost[1] <= (0.1**3 + 0.2**3 + 4 * 0.3**3) / 2
     failed = eqx.tree_at(lambda path: path.unlocated, loop, jnp.array(-1.0))
