@@ -73,24 +73,29 @@ class Landscape:
         mean_gap = total(gap) / gap.size
         return self.contact.energy(gap) + self.contact.grid.area * self.control.energy(mean_gap)
 
-    def through(self, corners: Sequence[Field], number: int) -> String:
-        """Return images on the straight lines from gap to gap."""
-        gaps = jnp.stack(corners)
-        places = jnp.linspace(0, len(gaps) - 1, number, dtype=gaps.dtype)
-        return self.string(_between(places, jnp.arange(len(gaps), dtype=gaps.dtype), gaps))
-
     def string(self, images: Images, moved: Scalar | float = 1.0) -> String:
         """Return a string of images, with their energies."""
         return String(images, jax.vmap(self.energy)(images), jnp.asarray(moved, images.dtype))
 
 
 class StringMethod(IterativeSolver):
-    """The string method, until a step moves the images by a part of the length of the string."""
+    """The string method, until a step moves the images by a part of the length of the string.
 
+    Arguments:
+        num_images: the number of images, with both ends.
+    """
+
+    num_images: int = eqx.field(static=True)
     tolerance: Scalar = eqx.field(converter=parameter, default=1e-3)
     max_steps: Int[Array, ""] = eqx.field(converter=as_array, default=40)
 
     patience: ClassVar[int] = 40
+
+    def init(self, problem: Landscape, start: Sequence[Field]) -> String:
+        """Return images on the straight lines from gap to gap."""
+        gaps = jnp.stack(start)
+        places = jnp.linspace(0, len(gaps) - 1, self.num_images, dtype=gaps.dtype)
+        return problem.string(_between(places, jnp.arange(len(gaps), dtype=gaps.dtype), gaps))
 
     def step(self, problem: Landscape, state: String) -> String:
         """Return the string after all images between its ends have gone down a step."""

@@ -178,7 +178,7 @@ def transition(
     else:
         constants = jax.lax.stop_gradient((*inputs, first, start_of(*inputs, end)))
         with own_conventions():
-            found = _search(number, *constants)
+            found = _search(StringMethod(num_images=number), *constants)
             found = _with_barriers(found, inputs, ("there", "back"))
         message = f"No pass was found between the two states at {load!r}"
     return finished(found, problem, lambda _: message, throw)
@@ -257,18 +257,17 @@ def _barriers(gaps: Gaps, contact: Contact, load: Load) -> Barriers:
 _Zooming = tuple[String, Saddle, Array]
 
 
-@partial(program, static_argnums=0)
-def _search(number: int, contact: Contact, load: Load, first: Field, last: Field) -> Transition:
-    return by_entries(partial(_find, number))(contact, load, first, last)
-
-
-def _find(number: int, contact: Contact, load: Load, first: Field, last: Field) -> Transition:
+@program
+@by_entries
+def _search(
+    method: StringMethod, contact: Contact, load: Load, first: Field, last: Field
+) -> Transition:
     """Return the transition between the minima near two gaps."""
     solver = PreconditionedConjugateGradient()
     start, end = (find(contact, load, solver, gap) for gap in (first, last))
     are_found = (start.result == RESULTS.successful) & (end.result == RESULTS.successful)
     landscape = Landscape(contact, contact.control(load))
-    string = StringMethod().run(landscape, landscape.through((start.gap, end.gap), number)).state
+    string = method.run(landscape, (start.gap, end.gap)).state
 
     def goes_on(state: _Zooming) -> Flag:
         _, saddle, count = state
@@ -316,8 +315,8 @@ def _zoomed(
 def _around_summit(landscape: Landscape, string: String) -> String:
     """Return a string between the neighbours of the highest image, relaxed."""
     corners = [string.images[string.highest + k] for k in (-1, 0, 1)]
-    start = landscape.through(corners, len(string.images))
-    return StringMethod(max_steps=_FEW_STEPS).run(landscape, start).state
+    method = StringMethod(num_images=len(string.images), max_steps=_FEW_STEPS)
+    return method.run(landscape, corners).state
 
 
 def _to_detached(
