@@ -7,7 +7,6 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from jaxstab.core import model
-from jaxstab.core.control_flow import either
 from jaxstab.core.grid import total
 from jaxstab.core.types import Field, FieldMap, Mask, Scalar
 from jaxstab.solids.solid import Solid, apart_from_mean
@@ -51,7 +50,6 @@ class Hessian(SymmetricOperator):
     curvature: Field
     stiffness: Scalar | None
     mask: Mask | None
-    max_curvature: Scalar
     bound: Scalar
     scale: Scalar
 
@@ -70,7 +68,7 @@ class Hessian(SymmetricOperator):
         # Computed once, since eigensolvers ask for them at every step.
         stiffest = solid.max_stiffness
         softening = -jnp.min(self.curvature)
-        self.max_curvature = jnp.max(self.curvature)
+        stiffening = jnp.maximum(jnp.max(self.curvature), 0)
         if stiffness is None:
             self.solid = solid.with_uniform_stiffness(0)
             highest = stiffest
@@ -78,7 +76,7 @@ class Hessian(SymmetricOperator):
             self.solid = solid.with_uniform_stiffness(stiffness)
             highest = jnp.maximum(stiffest, stiffness)
         # K is not negative, so |A| <= max(K + D, -D).
-        self.bound = jnp.maximum(highest + jnp.maximum(self.max_curvature, 0), softening)
+        self.bound = jnp.maximum(highest + stiffening, softening)
         # Points of large f'' take no part in lower modes, nor do points that are stiffly held.
         self.scale = jnp.maximum(stiffest, softening)
 
@@ -98,14 +96,8 @@ class Hessian(SymmetricOperator):
         """
         elastic = eigenvalue - total(self.curvature * mode**2)
         shift = jnp.clip(elastic, self.solid.min_stiffness, self.solid.max_stiffness)
-
-        def decay() -> Field:
-            stiff = jnp.maximum(self.curvature - eigenvalue - shift, 0)
-            return jnp.sqrt(shift / (shift + stiff))
-
-        # Most laws are nowhere that stiff.
-        is_stiff = self.max_curvature > eigenvalue + shift
-        factor = either(is_stiff, decay, lambda: jnp.ones_like(mode))
+        stiff = jnp.maximum(self.curvature - eigenvalue - shift, 0)
+        factor = jnp.sqrt(shift / (shift + stiff))
         inverse = self.inverse(shift)
         return lambda field: factor * inverse(factor * field)
 
