@@ -14,7 +14,7 @@ from jaxstab.contact.hessian import Block, SymmetricOperator
 from jaxstab.core import model
 from jaxstab.core.accuracy import EIGENPAIR
 from jaxstab.core.checks import as_array
-from jaxstab.core.control_flow import by_entries, choose, entry_of, on_platform, with_entry
+from jaxstab.core.control_flow import choose, entry_of, on_platform, with_entry
 from jaxstab.core.grid import total, totals
 from jaxstab.core.history import History, Indicators
 from jaxstab.core.loop import Iteration, optional_parameter
@@ -115,7 +115,7 @@ class ProjectedLOBPCG(ConeSolver):
         """Return the lowest minimiser that the starts lead to."""
         problem = Eigenproblem(operator, cone)
         is_needed = jnp.broadcast_to(is_needed & ~cone.is_trivial, len(starts))
-        projected = jax.vmap(by_entries(AdmissibleCone.project), (None, 0))(cone, starts)
+        projected = jax.vmap(cone.project)(starts)
         begin = jax.vmap(_begin)(projected)
         found, is_best = multi_start(self, problem, begin, is_needed)
         best = entry_of(found, jnp.argmax(is_best))
