@@ -164,8 +164,8 @@ def continued(contact: Contact, gap: Field) -> Field:
     return jnp.where(is_there, padded(gap, 0), displacement - contact.heights)
 
 
-def relaxed_outside(contact: Contact, load: Load, gap: Field) -> Field:
-    """Return a gap whose displacement leaves no pressure outside of the window."""
+def posed_gap(contact: Contact, load: Load, gap: Field) -> Field:
+    """Return a gap of the surface on the grid of solvers, without pressure outside of a window."""
     if not contact.solid.is_window:
         return gap
     return _relaxed_outside(*jax.lax.stop_gradient((contact, load, gap)))

@@ -9,7 +9,7 @@ from jaxstab.core.compile import program
 from jaxstab.core.grid import resample
 from jaxstab.core.types import ArrayLike, Field
 from jaxstab.equilibrium.equilibrium import Equilibrium, State, single_start
-from jaxstab.equilibrium.posing import continued, relaxed_outside
+from jaxstab.equilibrium.posing import continued, posed_gap
 from jaxstab.loads.load import Control, Load
 
 Initial = ArrayLike | State | None
@@ -29,12 +29,7 @@ def start_of(contact: Contact, load: Load, initial: Initial) -> Field:
     """
     if initial is None:
         return _at_rest(contact, load)
-    return start_from(contact, load, given_gap(contact, load, initial))
-
-
-def start_from(contact: Contact, load: Load, gap: Field) -> Field:
-    """Return a gap on the grid of the solve from one of the surface."""
-    return relaxed_outside(contact, load, gap)
+    return posed_gap(contact, load, given_gap(contact, load, initial))
 
 
 def initial_of_path(contact: Contact, load: Load, initial: Initial) -> Initial:

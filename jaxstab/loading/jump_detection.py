@@ -187,6 +187,7 @@ def _least_potential(load_path: LoadPath, progress: Progress, change: Scalar) ->
 def _outcome_of(
     load_path: LoadPath, progress: Progress, trial: TrialStep, new: PathPoint, result: RESULTS
 ) -> StepOutcome:
+    """Return the meaning of a step: whether it is on the branch, and the loss if it is a jump."""
     here = progress.here
     last = progress.last
     value = trial.value

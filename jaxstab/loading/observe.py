@@ -23,8 +23,7 @@ from jaxstab.core.units import NUMBER, axes_of, dimensions
 from jaxstab.equilibrium import Equilibrium
 from jaxstab.equilibrium.equilibrium import state_at
 from jaxstab.equilibrium.observables.observable import Observable
-from jaxstab.equilibrium.posing import as_given, posed
-from jaxstab.equilibrium.start import start_from
+from jaxstab.equilibrium.posing import as_given, posed, posed_gap
 from jaxstab.evolution.evolution import Evolution
 from jaxstab.loading.path import Path
 from jaxstab.loading.sweep import Sweep
@@ -157,7 +156,7 @@ def _gaps(contact: Contact, equilibrium: States | Equilibrium) -> np.ndarray:
 
 def _state(contact: Contact, load: Load, gap: np.ndarray) -> Equilibrium:
     problem = posed(contact, load)
-    start = start_from(problem.contact, problem.state, jax.device_put(gap))
+    start = posed_gap(problem.contact, problem.state, jax.device_put(gap))
     return as_given(state_at(problem.contact, problem.state, start), problem)
 
 

@@ -19,8 +19,8 @@ from jaxstab.core.results import RESULTS
 from jaxstab.core.types import ArrayLike, Field, Scalar
 from jaxstab.equilibrium import Equilibrium, equilibrate
 from jaxstab.equilibrium.equilibrium import single_start
-from jaxstab.equilibrium.posing import finished, posed
-from jaxstab.equilibrium.start import Initial, given_gap, start_from
+from jaxstab.equilibrium.posing import finished, posed, posed_gap
+from jaxstab.equilibrium.start import Initial, given_gap
 from jaxstab.loading.load_path import DISTURBANCE, load_path_of
 from jaxstab.loading.load_stepping import step_to_end
 from jaxstab.loading.record import Strongest, no_jump
@@ -76,7 +76,7 @@ def pull_off(
         first, gap = _start(jax.lax.stop_gradient(contact), initial)
     problem = posed(contact, first)
     here, first = jax.lax.stop_gradient((problem.contact, problem.state))
-    start = start_from(here, first, gap)
+    start = posed_gap(here, first, gap)
     if machine is None:
         load: Load = dead_load(here, first.value)
     else:

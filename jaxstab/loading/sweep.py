@@ -33,8 +33,8 @@ from jaxstab.equilibrium import (
     PreconditionedConjugateGradient,
 )
 from jaxstab.equilibrium.equilibrate import equilibrium_from
-from jaxstab.equilibrium.posing import posed
-from jaxstab.equilibrium.start import Initial, given_gap, initial_of_path, start_from, start_of
+from jaxstab.equilibrium.posing import posed, posed_gap
+from jaxstab.equilibrium.start import Initial, given_gap, initial_of_path, start_of
 from jaxstab.loads import Load, require_load
 from jaxstab.stability import ConeSolver, ProjectedLOBPCG, Stability, assess_stability
 
@@ -189,7 +189,7 @@ class _Problem(eqx.Module):
         def start_together() -> Field:
             return cond(
                 concrete(last.is_known),
-                lambda: start_from(*inputs, last.gap),
+                lambda: posed_gap(*inputs, last.gap),
                 lambda: start_of(*inputs, None),
             )
 
