@@ -13,6 +13,7 @@ import jax
 import jaxstab as js
 from jaxstab.core import control_flow
 from jaxstab.equilibrium.equilibrate import find
+from jaxstab.equilibrium.posing import posed
 from jaxstab.equilibrium.start import start_of
 from jaxstab.stability.cones import AdmissibleCone
 from jaxstab.stability.solvers.davidson import Davidson
@@ -40,8 +41,9 @@ def solver_runs(n):
     grid = js.Grid(n)
     heights = js.surfaces.self_affine(grid, jax.random.key(0), k_high=n // 4, rms_height=0.05)
     law = js.potentials.Exponential(2e-3, 0.05)
-    contact, _ = js.Contact(js.HalfSpace(grid, 1.0), heights, law).in_characteristic_units()
-    load = js.MeanGap(0.05)
+    problem = posed(js.Contact(js.HalfSpace(grid, 1.0), heights, law), js.MeanGap(0.05))
+    contact = problem.contact
+    load = problem.state
     start = start_of(contact, load, None)
     state = js.equilibrate(contact, load)
     hessian = contact.hessian(state.gap, contact.control(load))

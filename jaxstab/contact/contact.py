@@ -221,11 +221,6 @@ class Contact(eqx.Module):
         law = Scaled(self.potential, 1 / pressure, has_core)
         return eqx.tree_at(lambda contact: (contact.solid, contact.potential), self, (solid, law))
 
-    def in_characteristic_units(self) -> tuple["Contact", Scalar]:
-        """Return the same contact in units of its characteristic pressure, and that pressure."""
-        unit = self.characteristic_pressure
-        return self.in_units_of(unit, self.known_core), unit
-
     def gap(self, displacement: Field) -> Field:
         """Return g = u - h (Rey & Bleyer, eq. 2) [length]."""
         return model.gap_of(displacement - self.datum, self.heights)

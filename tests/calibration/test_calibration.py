@@ -193,6 +193,16 @@ def test_impossible_input_is_refused(start, exact, change, message):
         js.calibrate(start, **arguments)
 
 
+def test_under_jit_too_few_measurements_are_refused(start):
+    def fit(weights):
+        return js.calibrate(
+            start, js.MeanGap(jnp.ones(2)), jnp.ones(2), where=potential, weights=weights
+        ).loss
+
+    with pytest.raises(ValueError, match="2 parameters for 2"):
+        jax.eval_shape(fit, jnp.ones(2))
+
+
 class Bonds(eqx.Module):
     """An exponential law with a number of bonds that is no parameter."""
 

@@ -145,6 +145,9 @@ def test_a_law_without_one_range_is_told_the_factor():
         factor = float(jnp.sqrt(4 / contact.resolution))
         with pytest.raises(TypeError, match=rf"multiply the lengths of your law by {factor:.6g}"):
             js.resolved_range(contact)
+        # In a trace there is no number.
+        with pytest.raises(TypeError, match=r"multiply the lengths of your law by f64\[\]"):
+            jax.jit(js.resolved_range)(contact)
     with pytest.raises(ValueError, match=r"resolution is -1"):
         js.resolved_range(js.Contact(solid, jnp.zeros(32), exponential), -1)
     with pytest.raises(TypeError, match="HalfSpace"):

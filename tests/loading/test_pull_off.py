@@ -12,6 +12,7 @@ from scipy.optimize import minimize_scalar
 
 import jaxstab as js
 from jaxstab.branches.limit import limit_ahead
+from jaxstab.equilibrium.posing import posed
 
 LAWS = {
     "exponential": js.potentials.Exponential(0.02, 0.08),
@@ -241,10 +242,10 @@ def test_in_single_precision_a_release_is_found_from_states_past_it():
     gap, mode = np.asarray(pull.equilibrium.gap), np.asarray(pull.critical.mode)
     move = mode / mode[(gap == 0) & (mode != 0)]
     single = js.Contact(contact.solid, heights.astype("float32"), contact.potential)
-    single, unit = single.in_characteristic_units()
-    load = js.MeanPressure(jnp.asarray(pull.load.value / unit, "float32"))
+    problem = posed(single, js.MeanPressure(pull.load.value.astype("float32")))
+    unit = problem.unit
     ahead = jnp.asarray(-1e-6, "float32")
-    find = jax.jit(lambda gap: limit_ahead(single, load, gap, ahead))
+    find = jax.jit(lambda gap: limit_ahead(problem.contact, problem.state, gap, ahead))
     for opening in (1e-8, 1e-7, 1e-6, 1e-5):
         limit = find(jnp.maximum(gap + opening * move, 0).astype("float32"))
         assert limit.kind == "release"

@@ -261,6 +261,10 @@ def test_a_contact_takes_a_topography_and_its_unit():
         .solid.max_stiffness
     )  # fmt: skip
     np.testing.assert_allclose(modulus(2.0), 2 * contact.solid.max_stiffness)
+    # Lengths that are traced are not known.
+    jax.eval_shape(lambda lengths: surface.on(js.Grid((48, 64), lengths)), surface.grid.lengths)
+    with pytest.raises(ValueError, match=r"own, .*\(48, 64\), lengths=\[1.5, 2\]"):
+        jax.eval_shape(lambda lengths: surface.on(js.Grid((64, 48), lengths)), jnp.ones(2))
     for other in (js.Grid((48, 64)), js.Grid((64, 48), (1.5, 2.0))):
         with pytest.raises(ValueError, match=r"own, .*\(48, 64\), lengths=\[1.5, 2\]"):
             js.Contact(js.HalfSpace(other, 1.0), surface, LAW)
