@@ -36,6 +36,7 @@ from jaxstab.loads.load import Control, Load
 from jaxstab.potentials.evaluation import curvature, energy_density, slope
 from jaxstab.potentials.jumps import law_jump, require_no_jump
 from jaxstab.potentials.profile import Profile, profile_of, require_smooth
+from jaxstab.potentials.sharpness import sharpest_curvature
 from jaxstab.potentials.varying import Potential, Scaled, everywhere
 from jaxstab.solids.solid import Solid
 
@@ -169,6 +170,11 @@ class Contact(eqx.Module):
         return profile_of(everywhere(self.potential), self.grid.lengths)
 
     @property
+    def sharpest_curvature(self) -> Scalar:
+        """The largest |f''| where the potential attracts [pressure/length]."""
+        return sharpest_curvature(everywhere(self.potential), self.grid.lengths)
+
+    @property
     def units(self) -> Units:
         """The units of length and of pressure, for a surface of so many sides."""
         sides = len(self.grid.shape)
@@ -194,7 +200,7 @@ class Contact(eqx.Module):
             resolution   16      8      4      2     1     0.5
             error        0.07 %  0.3 %  1.3 %  6 %   30 %  100 %
         """
-        return self.solid.max_stiffness / self.profile.max_curvature
+        return self.solid.max_stiffness / self.sharpest_curvature
 
     @property
     def is_valid(self) -> Flag:

@@ -53,13 +53,13 @@ def warn_if_coarse(contact: Contact, needed: float = FOR_STATES) -> None:
     """
     if _is_said.get():
         return
-    _warn_of_pinning(contact.solid, contact.profile.max_curvature, needed)
+    _warn_of_pinning(contact.solid, contact.sharpest_curvature, needed)
 
 
 @where_known
-def _warn_of_pinning(solid: Solid, max_curvature: Scalar, needed: float) -> None:
+def _warn_of_pinning(solid: Solid, curvature: Scalar, needed: float) -> None:
     stiffest = concrete(_max_stiffness(solid))
-    sharpest = concrete(max_curvature)
+    sharpest = concrete(curvature)
     if stiffest >= needed * sharpest:
         return
     resolution = stiffest / sharpest

@@ -32,7 +32,8 @@ class Profile(eqx.Module):
         slopes: f' [pressure].
         curvatures: f'' [pressure/length].
         has_core: whether f is infinite at zero gap, and positive and repulsive at small gaps.
-        max_curvature: the largest |f''| where f attracts [pressure/length].
+        range: the length over which the attraction varies, the largest f' over the largest |f''|
+            at these gaps where f attracts; infinite without attraction [length].
     """
 
     gaps: Float[Array, " gaps"]
@@ -40,12 +41,14 @@ class Profile(eqx.Module):
     slopes: Float[Array, " gaps"]
     curvatures: Float[Array, " gaps"]
     has_core: Flag
-    max_curvature: Scalar
+    range: Scalar
 
     def __init__(self, potential: Potential, lengths: Float[Array, "..."]):
         self.gaps = gaps_of(lengths)
         values, slopes, curvatures = derivatives(at_some_points(potential), self.gaps)
-        attracting = jnp.abs(jnp.where(slopes >= 0, curvatures, 0))
+        # A law may be undefined at gaps that are larger than the grid.
+        counts = (slopes >= 0) & jnp.isfinite(curvatures)
+        sharpest = jnp.max(jnp.where(counts, jnp.abs(curvatures), 0))
         if values.ndim == 2:
             values = jnp.min(values, 0)
             slopes = jnp.max(slopes, 0)
@@ -58,20 +61,15 @@ class Profile(eqx.Module):
         last = jnp.max(jnp.where(finite, jnp.arange(finite.size), 0))
         rises = (self.values[last] > 0) & (self.slopes[last] < 0)
         self.has_core = rises & ~jnp.isfinite(self.values[-1])
-        self.max_curvature = jnp.max(attracting)
+        is_curved = (self.max_attraction > 0) & (sharpest > 0)
+        self.range = jnp.where(
+            is_curved, self.max_attraction / jnp.where(is_curved, sharpest, 1), jnp.inf
+        )
 
     @property
     def max_attraction(self) -> Scalar:
         """The largest f' [pressure]."""
         return jnp.max(jnp.where(jnp.isfinite(self.slopes), self.slopes, 0))
-
-    @property
-    def range(self) -> Scalar:
-        """The length over which the attraction varies, infinite without attraction [length]."""
-        is_curved = (self.max_attraction > 0) & (self.max_curvature > 0)
-        return jnp.where(
-            is_curved, self.max_attraction / jnp.where(is_curved, self.max_curvature, 1), jnp.inf
-        )
 
     @property
     def repels_far(self) -> Flag:

@@ -152,3 +152,41 @@ def test_a_law_without_one_range_is_told_the_factor():
         js.resolved_range(js.Contact(solid, jnp.zeros(32), exponential), -1)
     with pytest.raises(TypeError, match="HalfSpace"):
         js.resolved_range(solid)
+
+
+@pytest.mark.parametrize("dtype", [jnp.float32, jnp.float64])
+@pytest.mark.parametrize("smoothing", [1e-2, 1e-3, 1e-4])
+def test_an_edge_of_the_attraction_counts_however_narrow(smoothing, dtype):
+    law = js.potentials.Dugdale(surface_energy=1e-2, length=0.1, smoothing=smoothing)
+    contact = rough_contact(16, law)
+    contact = js.Contact(contact.solid, contact.heights.astype(dtype), law)
+    attraction = 1e-2 / 0.1 / (smoothing * np.logaddexp(0, 1 / smoothing))
+    edge = attraction / (4 * smoothing * 0.1)
+    expected = np.pi / 2 * 16 * np.sqrt(2) / edge
+    assert contact.resolution == pytest.approx(expected, rel=1e-4)
+    compiled = jax.jit(lambda contact: contact.resolution)(contact)
+    assert compiled == pytest.approx(expected, rel=1e-4)
+
+
+def test_the_narrowest_edge_counts_where_the_law_varies():
+    lengths = jnp.full((16, 16), 0.1).at[3, 5].set(0.05)
+    law = js.potentials.Varying(js.potentials.Dugdale(1e-2, lengths, smoothing=1e-3))
+    contact = rough_contact(16, law)
+    edge = 1e-2 / (4e-3 * 0.05**2)
+    assert contact.resolution == pytest.approx(np.pi / 2 * 16 * np.sqrt(2) / edge, rel=1e-4)
+
+
+def test_a_law_that_is_undefined_far_from_the_surface_has_a_resolution():
+    # x log x is NaN where x underflows, at gaps a thousand times the size of the grid.
+    def law(gap):
+        x = jnp.exp(-gap / 0.1)
+        return 1e-2 * x * (jnp.log(x) - 1)
+
+    contact = rough_contact(16, law)
+    # f = -w (1 + s) exp(-s), f'' = w (1 - s) exp(-s) / rho^2, largest at s = 0.
+    assert contact.resolution == pytest.approx(np.pi / 2 * 16 * np.sqrt(2) * 0.01 / 1e-2, rel=1e-6)
+    state = js.equilibrate(contact, LOAD)
+    smooth = js.Contact(
+        contact.solid, contact.heights, lambda g: -1e-2 * (1 + g / 0.1) * jnp.exp(-g / 0.1)
+    )
+    assert state.mean_pressure == pytest.approx(js.equilibrate(smooth, LOAD).mean_pressure)
