@@ -43,17 +43,17 @@ def contact_of(options: argparse.Namespace) -> Contact:
 
 
 def topography_of(path: Path, options: argparse.Namespace) -> surfaces.Topography:
-    """Return the surface of a file, without gaps and trend."""
-    topography = surface_of(path, options)
+    """Return the surface of a file, without trend and gaps."""
+    # Filled before, a gap at the edge of a tilted map would be level, and a summit or a pit.
+    topography = surface_of(path, options).detrended(options.detrend)
     if topography.num_missing:
         fraction = topography.num_missing / topography.heights.size
         warn(f"{100 * fraction:.3g} % of the points were missing and have been filled.")
         topography = topography.filled()
-    topography = topography.detrended(options.detrend)
     if options.periodic:
-        # Default loads are gaps and displacements alike, which needs heights of zero mean.
-        topography = topography.periodic(options.periodic).detrended(0)
-    return topography
+        topography = topography.periodic(options.periodic)
+    # Default loads are gaps and displacements alike, which needs heights of zero mean.
+    return topography.detrended(0)
 
 
 def _potential(options: argparse.Namespace) -> potentials.Potential:

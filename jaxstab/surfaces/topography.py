@@ -137,6 +137,9 @@ class Topography:
     def filled(self, method: Literal["harmonic", "biharmonic"] = "harmonic") -> "Topography":
         """Fill missing points from the others.
 
+        Take a tilt off before, by `detrended`: at the edge of the map a membrane is level, so that
+        a gap there would not be tilted as the rest is.
+
         Arguments:
             method: "harmonic", like a membrane through the points around (the least squared
                 gradient), or "biharmonic", like a thin plate, which carries slopes on.

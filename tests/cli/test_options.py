@@ -1,3 +1,5 @@
+from argparse import Namespace
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -73,7 +75,7 @@ def test_a_measured_surface_every_law_and_load_reach_the_problem(scan, tmp_path,
     main(["--config", str(tmp_path / "study.toml"), *numbers])
     files = [tmp_path / "out" / name / "unloading.nc" for name in "12"]
     xarray.testing.assert_identical(*map(xarray.load_dataset, files))
-    topography = js.surfaces.read(scan, (2.0, 1.5), "um").filled().detrended()
+    topography = js.surfaces.read(scan, (2.0, 1.5), "um").detrended().filled().detrended(0)
     np.testing.assert_allclose(contact.heights, topography.heights, atol=1e-15)
     np.testing.assert_allclose(contact.grid.lengths, [2, 1.5])
     assert contact.unit == "µm"
@@ -81,6 +83,20 @@ def test_a_measured_surface_every_law_and_load_reach_the_problem(scan, tmp_path,
     assert isinstance(law, js.potentials.Dugdale) and float(law.smoothing) == 0.3
     assert isinstance(sweep.load, js.Spring) and (sweep.load.stiffness == 3).all()
     np.testing.assert_allclose(sweep.load.value, [0.1, 0.4])
+
+
+@pytest.mark.parametrize("periodic", [None, "window"])
+def test_a_tilt_leaves_no_summit_where_points_are_missing(periodic, tmp_path):
+    heights = np.array(js.surfaces.sinusoid(js.Grid((16, 12)), 0.1, waves=(2, 1)))
+    heights[:4, :3] = np.nan
+    options = Namespace(lengths=[2, 1.5], unit="um", channel=None, detrend=1, periodic=periodic)
+    found = []
+    for tilt in (0.0, 0.1):
+        np.savetxt(tmp_path / "scan.txt", heights + tilt * np.arange(16)[:, None])
+        found.append(problem.topography_of(tmp_path / "scan.txt", options))
+        assert abs(found[-1].heights.mean()) < 1e-12
+    level, tilted = found
+    np.testing.assert_allclose(tilted.heights, level.heights, atol=1e-12)
 
 
 def test_a_configuration_does_what_options_do_and_they_go_before_it(tmp_path, capsys):

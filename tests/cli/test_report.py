@@ -70,7 +70,7 @@ def test_a_report_loads_nothing_and_takes_no_text_for_tags(made):
 @pytest.mark.nightly
 def test_a_reports_numbers_are_those_of_the_library(made):
     shown, file = made
-    surface = js.surfaces.read(file, lengths=(2.0, 1.5), unit="um").filled().detrended()
+    surface = js.surfaces.read(file, lengths=(2.0, 1.5), unit="um").detrended().filled()
     surface = surface.periodic("window").detrended(0).in_unit("m")
     solid = js.HalfSpace(surface.grid, 1e6, 0.4)
     law = js.potentials.Exponential(0.05, 1e-7)
