@@ -19,6 +19,7 @@ from jaxstab.core.checks import (
     require,
     require_finite,
     require_shape,
+    where_known,
 )
 from jaxstab.core.compile import own_conventions, program
 from jaxstab.core.grid import Grid, require_grid
@@ -79,14 +80,15 @@ def power_spectrum(grid: Grid, heights: Field | Topography) -> PowerSpectrum:
     """Return the radial power spectrum of a surface, up to the corner of its spectrum.
 
     The spectrum of a `Topography` is computed in double precision in any case: in single precision
-    densities in metres underflow.
+    densities of small surfaces in metres underflow.
 
     Arguments:
         grid: the grid; its lengths must be known, since they decide the number of rings.
         heights: the surface [length].
 
     Raises:
-        ValueError: for heights of another shape than the grid, or not finite.
+        ValueError: for heights of another shape than the grid, or not finite, and for densities
+            that underflow.
         TypeError: for anything but a grid.
     """
     if isinstance(heights, Topography) and not jax.config.values["jax_enable_x64"]:
@@ -101,7 +103,21 @@ def power_spectrum(grid: Grid, heights: Field | Topography) -> PowerSpectrum:
     power = multiplicity * jnp.abs(grid.transform(heights)) ** 2 * grid.cell_area / grid.size
     num_waves = jnp.zeros(num_rings).at[ring].add(multiplicity)
     density = jnp.zeros(num_rings).at[ring].add(power) / jnp.maximum(num_waves, 1)
+    _require_range(power, heights)
     return PowerSpectrum(fundamental * jnp.arange(1, num_rings), density[1:], num_waves[1:])
+
+
+@where_known
+def _require_range(power: Float[Array, " *modes"], heights: Field) -> None:
+    """Raise `ValueError` if densities underflow, or many of the smaller ones do."""
+    limits = np.finfo(power.dtype)
+    largest = np.max(concrete(power).ravel()[1:])
+    has_range = (largest >= limits.tiny / limits.eps) | (np.ptp(concrete(heights)) == 0)
+    cure = (
+        f"smaller ones underflow in {power.dtype}. Give heights and lengths in a smaller unit, as "
+        "nm, or enable float64."
+    )
+    require("The largest density of the spectrum", largest, has_range, cure)
 
 
 class Autocorrelation(eqx.Module):

@@ -404,3 +404,19 @@ def test_power_spectra_of_picometres_in_metres_do_not_underflow_in_float32():
         density = surfaces.power_spectrum(grid, surfaces.Topography(grid, rough, "m")).density
     expected = surfaces.power_spectrum(js.Grid((32, 32), (1e5, 1e5)), rough * 1e12).density
     np.testing.assert_allclose(density * 1e48, expected, rtol=1e-5)
+
+
+def test_densities_that_underflow_in_single_precision_are_refused():
+    rough = np.random.default_rng(0).normal(size=(32, 32))
+
+    def density(unit):
+        grid = js.Grid(32, 10 * unit)
+        return surfaces.power_spectrum(grid, rough * unit).density / unit**4
+
+    expected = density(1.0)
+    with jax.enable_x64(False):
+        np.testing.assert_allclose(density(1e-6), expected, rtol=1e-5)
+        with pytest.raises(ValueError, match=r"underflow in float32\. Give .*as nm, or enable fl"):
+            density(1e-9)
+        flat = surfaces.power_spectrum(js.Grid(32, 1e-9), np.ones((32, 32)))
+    assert not flat.density.any()
