@@ -28,7 +28,7 @@ def sharpest_curvature(potential: Potential, lengths: Float[Array, "..."]) -> Sc
 
     def refined(_: int, found: tuple[Array, Scalar]) -> tuple[Array, Scalar]:
         gaps, largest = found
-        _, slopes, curvatures = derivatives(law, gaps)
+        slopes, curvatures = derivatives(law, gaps)[1:]
         # A law may be undefined at gaps larger than the grid, and is so inside of a core.
         counts = (slopes >= 0) & jnp.isfinite(curvatures)
         largest = jnp.maximum(largest, jnp.max(jnp.where(counts, jnp.abs(curvatures), 0)))

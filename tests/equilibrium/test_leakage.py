@@ -61,6 +61,21 @@ def test_a_rate_has_a_derivative_with_respect_to_the_drop_of_pressure():
     np.testing.assert_allclose(slope, 0.3**3 / 24 * np.eye(2), atol=1e-12)
 
 
+def test_a_rate_along_a_path_is_that_of_each_state():
+    contact, state = state_with(rough(0.2))
+    one = js.leakage(contact, state, viscosity=2.0)
+    several = jax.tree.map(lambda x: jnp.stack([x, 2 * x, 4 * x]), one)
+    np.testing.assert_allclose(
+        several.rate([3.0, 1.0]), np.tile(one.permeability @ np.array([3, 1]) / 2, (3, 1))
+    )
+
+
+@pytest.mark.parametrize("drop", [1.0, [1.0], [1.0, 0.0, 0.0]])
+def test_a_rate_of_other_than_one_drop_for_each_side_is_refused(drop):
+    with pytest.raises(ValueError, match=r"has shape \(.*give one for each of the 2 sides, as in"):
+        leaking(np.full((6, 8), 0.3)).rate(drop)
+
+
 @pytest.mark.parametrize("solver", SOLVERS)
 @pytest.mark.parametrize("depth", [0.5, 1e-2, 1e-4, 1e-5])
 def test_across_and_along_a_wave_up_to_contrasts_of_1e15(depth, solver):

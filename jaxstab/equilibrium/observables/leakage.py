@@ -2,12 +2,18 @@
 
 from typing import Annotated, ClassVar
 
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
 from jaxstab.contact import Contact
-from jaxstab.core.checks import array, positive_scalar, require_known, require_one_of
+from jaxstab.core.checks import (
+    array,
+    cast,
+    parameter,
+    positive_scalar,
+    require_known,
+    require_one_of,
+)
 from jaxstab.core.types import ArrayLike, Scalar
 from jaxstab.core.units import LENGTH, VISCOSITY, VOLUME
 from jaxstab.equilibrium.equilibrium import State, found_equilibrium
@@ -41,11 +47,22 @@ class Leakage(Observable):
     def rate(self, drop_per_length: ArrayLike) -> Float[Array, " sides"]:
         """Return the mean flux per length along each side [length^2/time].
 
+        Along a path it is the flux of each state.
+
         Arguments:
             drop_per_length: how the pressure falls in the mean along each side [pressure/length].
+
+        Raises:
+            ValueError: unless there is one for each side.
         """
-        drop = jnp.asarray(drop_per_length, self.permeability.dtype)
-        return self.permeability @ drop / self.viscosity
+        drop = cast(parameter(drop_per_length, "The drop per length"), self.permeability.dtype)
+        sides = self.permeability.shape[-1]
+        if drop.shape != (sides,):
+            raise ValueError(
+                f"The drop per length has shape {drop.shape}: give one for each of the {sides} "
+                f"sides, as in rate({[1.0, 0.0][:sides]})."
+            )
+        return self.permeability @ drop / self.viscosity[..., None]
 
 
 def leakage(
