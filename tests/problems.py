@@ -22,6 +22,19 @@ def with_units(detachment):
     return replace(detachment, pull_off=state)
 
 
+def with_room(sequence):
+    """Return a path or a branch with five empty entries in each table, as `jax.jit` returns it."""
+
+    def empty(leaf):
+        fill = jnp.nan if leaf.dtype.kind == "f" else 0
+        rest = jnp.full((5, *leaf.shape[1:]), fill, leaf.dtype)
+        return jnp.concatenate([leaf, rest])
+
+    names = "load", "equilibrium", "index", "jumps", "turns"
+    tables = {name: getattr(sequence, name) for name in names if hasattr(sequence, name)}
+    return replace(sequence, **jax.tree.map(empty, tables))
+
+
 class Waves(eqx.Module):
     """The law -strength cos(number g), whose curvature has either sign."""
 

@@ -1,6 +1,6 @@
 """A branch of equilibria, stable or not, and where its load turns."""
 
-from typing import Annotated
+from typing import Annotated, ClassVar
 
 import numpy as np
 from jaxtyping import Array, Int
@@ -39,7 +39,8 @@ class Turn(Outcome):
 class Branch(StateSequence):
     """Equilibria along a branch, stable or not, where its load turns, and where others cross.
 
-    `branch[3]` is a state, `len(branch)` their number.
+    `branch[3]` is a state, `len(branch)` their number. In a batch, as after `jax.vmap`, `batch[3]`
+    is the fourth branch, without empty entries.
 
     Attributes:
         load: the loads of the states, in the order of the branch.
@@ -58,18 +59,21 @@ class Branch(StateSequence):
     turns: Turn
     end: KINDS
     result: RESULTS
+    _of_states: ClassVar[tuple[str, ...]] = (*StateSequence._of_states, "index")
+    _of_events: ClassVar[str] = "turns"
 
     @display.readable
     def __repr__(self) -> str:
-        index = np.asarray(self.index)
-        parts = [f"{self._extent}", f"{np.sum(index > 0)} of them unstable"]
+        branch = self.recorded
+        index = np.asarray(branch.index)
+        parts = [f"{branch._extent}", f"{np.sum(index > 0)} of them unstable"]
         if np.any(index < 0):
             parts.append(f"{np.sum(index < 0)} of unknown index")
-        parts.append(several(len(self.turns), "turn"))
-        end = str(KINDS[self.end]).split(": ", 1)[1]
-        lines = [f"Branch: {', '.join(parts)}; ends {end}; {self.result.name}"]
-        if len(self.turns):
-            lines.append(display.table(_turns(self.turns)))
+        parts.append(several(len(branch.turns), "turn"))
+        end = str(KINDS[branch.end]).split(": ", 1)[1]
+        lines = [f"Branch: {', '.join(parts)}; ends {end}; {branch.result.name}"]
+        if len(branch.turns):
+            lines.append(display.table(_turns(branch.turns)))
         return "\n".join(lines)
 
 

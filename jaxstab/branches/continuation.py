@@ -105,8 +105,9 @@ def continuation(
 
     Returns:
         The branch; `end` says why it ends. Under JAX transformations it has `max_states` states and
-        room for 16 turns, NaN where there is none; once these are full, it ends as "store_full". It
-        cannot be differentiated, and says so; its turns are ends of stable branches whose loads
+        room for 16 turns; `branch.recorded` and `batch[3]` leave out the empty entries, with loads
+        of NaN. Once there is no room for a turn, it ends as "store_full". It cannot be
+        differentiated, and says so; its turns are ends of stable branches whose loads
         `critical_load` differentiates.
 
     Raises:

@@ -1,7 +1,8 @@
 """Recorded states in order, along a branch or a load path."""
 
 from collections.abc import Iterator
-from typing import Annotated, Any, Self
+from dataclasses import replace
+from typing import Annotated, Any, ClassVar, Self, TypeVar
 
 import equinox as eqx
 import jax
@@ -10,7 +11,9 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from jaxstab.contact import Contact
+from jaxstab.core.checks import is_readable
 from jaxstab.core.display import Outcome, several
+from jaxstab.core.stack import first_entries
 from jaxstab.core.units import (
     AREA,
     ENERGY,
@@ -24,6 +27,8 @@ from jaxstab.core.units import (
 )
 from jaxstab.equilibrium.equilibrium import PressedSurface
 from jaxstab.loads import Load
+
+Part = TypeVar("Part")
 
 
 class PathInterrupted(UserWarning):
@@ -87,7 +92,7 @@ class PathState(Outcome):
 class StateSequence(Dimensioned):
     """States in order: `path[3]` is one of them, `path[3:5]` are several, `len(path)` all.
 
-    In a batch, as after `jax.vmap`, `batch[3]` is the fourth path.
+    In a batch, as after `jax.vmap`, `batch[3]` is the fourth path, without empty entries.
 
     Attributes:
         load: the loads of the recorded states.
@@ -96,6 +101,9 @@ class StateSequence(Dimensioned):
 
     load: Load
     equilibrium: States
+    # The fields with an axis of states, and the one of events along it.
+    _of_states: ClassVar[tuple[str, ...]] = ("load", "equilibrium")
+    _of_events: ClassVar[str]
 
     def __len__(self) -> int:
         return len(self.load)
@@ -103,8 +111,23 @@ class StateSequence(Dimensioned):
     def __getitem__(self, index: Any) -> PathState | Self:
         if self.load.value.ndim > 1:
             entry = np.arange(len(self))[index]
-            return jax.tree.map(lambda leaf: leaf[entry], self)
+            return jax.tree.map(lambda leaf: leaf[entry], self).recorded
         return PathState(self.load[index], self.equilibrium[index])
+
+    @property
+    def recorded(self) -> Self:
+        """The same without empty entries, in which the loads are NaN.
+
+        The arrays of a result of `jax.jit` have room for more states and events than there are:
+        `jax.jit(f)(x).recorded` has as many as there are. In a trace, and of several at once, it is
+        the result as it is.
+        """
+        if self.load.value.ndim != 1 or not is_readable(self):
+            return self
+        events = getattr(self, self._of_events)
+        parts = {name: (getattr(self, name), self.load) for name in self._of_states}
+        parts[self._of_events] = events, events.load
+        return replace(self, **{name: _filled(part, load) for name, (part, load) in parts.items()})
 
     def __iter__(self) -> Iterator[PathState | Self]:
         return (self[i] for i in range(len(self)))
@@ -116,3 +139,8 @@ class StateSequence(Dimensioned):
         units = self.equilibrium.units
         first, last = (measured(units, loads[i], self.load.unit, digits=6) for i in (0, -1))
         return f"{type(self.load).__name__} {first} to {last} in {several(loads.size, 'state')}"
+
+
+def _filled(part: Part, load: Load) -> Part:
+    """Return the first entries of a part of a path, as many as there are loads."""
+    return first_entries(part, int(np.isfinite(load.value).sum()))

@@ -131,6 +131,8 @@ def to_dataset(contact: Contact, result: Result, *, fields: bool = True) -> "xar
     elif isinstance(result, Evolution):
         # Its contact is written once.
         alone = replace(result, contact=None)
+    elif isinstance(result, Path | Branch):
+        alone = result.recorded
     states = getattr(holder, "equilibrium", holder)
     load = getattr(holder, "load", None)
     axes = _axes(contact, result, states)
@@ -199,7 +201,7 @@ def _axes(
 
 def _require_one(kind: str, result: Path | Branch) -> None:
     if result.result.code.ndim:
-        raise ValueError(f"These are several {kind}: choose one of them by jax.tree.map.")
+        raise ValueError(f"These are several {kind}: choose one of them, as {kind}[0].")
 
 
 def _require_own(contact: Contact, states: PyTree) -> None:

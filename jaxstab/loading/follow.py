@@ -91,10 +91,11 @@ def follow(
         throw: raise an error if the path does not reach its end; otherwise look at `result`.
 
     Returns:
-        The path. Under JAX transformations arrays have `max_states` and `max_jumps` entries, NaN
-        where there is none; otherwise as many as there are. The loads of its jumps can be
-        differentiated with respect to the contact, as `critical_load` can. The derivatives of
-        anything else are NaN.
+        The path. Under JAX transformations arrays have `max_states` and `max_jumps` entries, with
+        NaN, zero or the first member of an enumeration where there is none; otherwise as many as
+        there are. `path.recorded` and `batch[3]` leave the empty entries out. The loads of the
+        jumps can be differentiated with respect to the contact, as `critical_load` can. The
+        derivatives of anything else are NaN.
 
     Raises:
         ValueError: for a load without two finite values or more in one dimension, or with a value

@@ -109,6 +109,8 @@ def observe(
     if isinstance(states, Evolution):
         require_same_contact(contact, states.contact, "The evolution")
     require_known((states, contact), "observe")
+    if isinstance(states, Path | Branch):
+        states = states.recorded
     equilibrium: Any = states
     if not isinstance(states, Equilibrium):
         equilibrium = states.equilibrium

@@ -1,7 +1,7 @@
 """The path of a contact along a load path, and its jumps."""
 
 from dataclasses import replace
-from typing import Annotated, Any, Self
+from typing import Annotated, Any, ClassVar, Self
 
 import jax
 import jax.numpy as jnp
@@ -59,7 +59,7 @@ class Path(StateSequence):
 
     `path[3]` is a recorded state, `len(path)` their number. The last state, `path[-1]`, always has
     its gap. So `follow(contact, rest, initial=path[-1])` goes on with a path that was interrupted.
-    In a batch, as after `jax.vmap`, `batch[3]` is the fourth path.
+    In a batch, as after `jax.vmap`, `batch[3]` is the fourth path, without empty entries.
 
     Attributes:
         load: the loads of the recorded states.
@@ -85,6 +85,7 @@ class Path(StateSequence):
     unlocated: Annotated[Scalar, ENERGY]
     unlocated_error: Annotated[Scalar, ENERGY]
     last_gap: Annotated[Field, LENGTH]
+    _of_events: ClassVar[str] = "jumps"
 
     def __getitem__(self, index: Any) -> PathState | Self:
         state = super().__getitem__(index)
@@ -118,12 +119,13 @@ class Path(StateSequence):
 
     @display.readable
     def __repr__(self) -> str:
+        path = self.recorded
         lines = [
-            f"Path: {self._extent}, {several(len(self.jumps), 'jump')}; {self.result.name}",
-            *_energies(self),
+            f"Path: {path._extent}, {several(len(path.jumps), 'jump')}; {path.result.name}",
+            *_energies(path),
         ]
-        if len(self.jumps):
-            lines.append(display.table(_jumps(self.jumps)))
+        if len(path.jumps):
+            lines.append(display.table(_jumps(path.jumps)))
         return "\n".join(lines)
 
 

@@ -59,6 +59,8 @@ def animation(
         FileExistsError: if the file exists and is not to be replaced.
         ImportError: for an .mp4 without ffmpeg.
     """
+    require_path(path)
+    path = path.recorded
     gaps = _gaps(contact, path)
     target = new_file(file, _WRITERS, overwrite)
     require("seconds", seconds, 0 < seconds < np.inf, "it must be positive and finite.")
@@ -96,7 +98,6 @@ def animation(
 
 
 def _gaps(contact: Contact, path: loading.Path) -> np.ndarray:
-    require_path(path)
     if path.equilibrium.gap is None:
         raise ValueError("This path left its fields out: follow it with fields=True.")
     gaps = np.asarray(path.equilibrium.gap)

@@ -63,7 +63,8 @@ def branch(
     require_kind(branch, Branch, "not a branch: give a result of jaxstab.continuation.")
     x, y = quantities_or_default(branch, x, y)
     if branch.load.value.ndim != 1:
-        raise ValueError("These are several branches: draw one of them, chosen by jax.tree.map.")
+        raise ValueError("These are several branches: draw one of them, as branches[0].")
+    branch = branch.recorded
     axes = axes_or_new(axes)
     states, turns = ([of_states(part, q) for q in (x, y)] for part in (branch, branch.turns))
     # Each turn lies before the state of its number.

@@ -71,6 +71,7 @@ def path(
         ValueError: for a quantity that cannot be drawn, and for several paths at once.
     """
     require_path(path)
+    path = path.recorded
     x, y = quantities_or_default(path, x, y)
     touches = np.any(np.asarray(path.equilibrium.contact_area) > 0)
     if axes is not None or "contact_area" in (x, y) or not touches:
@@ -85,7 +86,7 @@ def require_path(path: Path) -> None:
     cure = "give a result of jaxstab.follow. A sweep is drawn by jaxstab.plots.stability_curve."
     require_kind(path, Path, f"not a path: {cure}")
     if path.load.value.ndim != 1:
-        raise ValueError("These are several paths: draw one of them, chosen by jax.tree.map.")
+        raise ValueError("These are several paths: draw one of them, as paths[0].")
     if path.load.value.size < 2:
         raise ValueError(
             f"The path has {path.load.value.size} states ({path.result.name}), a curve two or more."

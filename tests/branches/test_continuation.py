@@ -9,9 +9,11 @@ from types import SimpleNamespace
 
 import jax
 import jax.numpy as jnp
+import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 from brute_force import on_zero_mean, periodic_stiffness
+from problems import with_room
 from programs import compilations
 
 import jaxstab as js
@@ -89,6 +91,17 @@ def test_an_interrupt_before_the_last_state_is_kept_leaves_no_end_of_it(hertz, m
         found = js.continuation(hertz, load, max_states=24)
     assert found.result == "interrupted" and found.end == "states"
     np.testing.assert_array_equal(found.load.value, whole.load.value[:-1])
+
+
+def test_a_branch_leaves_its_empty_entries_out(branch):
+    in_room = with_room(branch)
+    assert (in_room.index == 0).sum() == (branch.index == 0).sum() + 5
+    assert in_room.recorded == branch
+    assert jax.tree.map(lambda x: x[None], in_room)[0] == branch
+    assert str(in_room) == str(branch)
+    lines, expected = (js.plots.branch(x).lines for x in (in_room, branch))
+    assert len(lines) == len(expected)
+    plt.close("all")
 
 
 def test_an_index_that_is_not_found_is_not_a_number_of_ways(hertz, branch, monkeypatch):

@@ -10,6 +10,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from problems import with_room
 
 import jaxstab as js
 from jaxstab.branches.point import PathPoint
@@ -32,6 +33,28 @@ def test_entries_of_a_batch_are_those_alone(hertz):
         assert (together.load.value[i][:number] == alone.load.value).all()
         assert jnp.isnan(together.load.value[i][number:]).all()
         assert together.jumps.load.value[i][0] == alone.jumps.load.value[0]
+        assert len(together[i]) == number
+        assert len(together[i].jumps) == len(alone.jumps)
+
+
+def test_a_path_leaves_its_empty_entries_out(loop, hertz, tmp_path):
+    path = with_room(loop)
+    assert len(path) == len(loop) + 5
+    assert (path.jumps.kind == "fold").sum() > (loop.jumps.kind == "fold").sum()
+    assert path.recorded == loop
+    assert loop.recorded == loop
+    batch = jax.tree.map(lambda x: jnp.stack([x, x]), path)
+    assert batch.recorded == batch
+    assert batch[1] == loop
+    assert len(batch[:1]) == 1
+    assert str(path) == str(loop)
+    drawn = js.plots.path(path).get_legend_handles_labels()[1]
+    assert drawn == js.plots.path(loop).get_legend_handles_labels()[1]
+    assert "pulled off" not in drawn
+    assert js.load(js.save(tmp_path / "path.nc", hertz, path))[1] == loop
+    assert len(js.observe(hertz, path, js.patches)) == len(loop)
+    # In a trace the number of states is not known.
+    assert jax.eval_shape(lambda path: path.recorded, path).load.value.shape == (len(path),)
 
 
 @pytest.fixture
