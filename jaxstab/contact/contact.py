@@ -278,9 +278,18 @@ class Contact(eqx.Module):
 
 
 def require_contact(contact: Contact) -> None:
-    """Raise `TypeError` for anything but a contact, `ValueError` for a batch of contacts."""
+    """Raise `TypeError` for anything but a contact, `ValueError` for one that cannot be solved.
+
+    These are a batch of contacts, and one in double precision while JAX is set to single.
+    """
     cure = "give that first, as made by jaxstab.Contact(solid, heights, potential)."
     require_kind(contact, Contact, f"no contact: {cure}")
+    dtype = contact.heights.dtype
+    if jax.dtypes.canonicalize_dtype(dtype) != dtype:
+        raise ValueError(
+            "The contact is in double precision, which JAX now rounds to single: call "
+            'jax.config.update("jax_enable_x64", True), or make the contact anew.'
+        )
     heights = contact.heights.shape
     grid = contact.grid.shape
     if heights != grid:

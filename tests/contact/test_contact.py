@@ -203,3 +203,14 @@ def test_several_contacts_at_once_are_refused_with_the_cure(two_contacts, call):
     contacts, state = two_contacts
     with pytest.raises(ValueError, match=r"several contacts, a batch of shape \(2,\): .*jax\.vmap"):
         call(contacts, js.MeanGap(0.2), state)
+
+
+def test_a_contact_in_double_precision_is_refused_while_jax_is_set_to_single(contact):
+    with jax.enable_x64(False):
+        for call in (
+            lambda: js.equilibrate(contact, js.MeanGap(0.5)),
+            lambda: js.follow(contact, js.MeanGap(np.array([0.5, 0.1]))),
+            lambda: js.plots.surface(contact),
+        ):
+            with pytest.raises(ValueError, match=r"double precision.*jax_enable_x64"):
+                call()
