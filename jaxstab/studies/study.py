@@ -1,6 +1,7 @@
 """The public function: a study, from its axes to its data set."""
 
 import difflib
+import hashlib
 import inspect
 import json
 import math
@@ -15,6 +16,7 @@ from uuid import uuid4
 
 import jax
 import numpy as np
+from jaxtyping import PyTree
 
 from jaxstab.core.atomic_write import write_whole
 from jaxstab.core.checks import integer, require
@@ -182,6 +184,7 @@ def _source(case: Callable[..., object], version: object) -> list[str]:
     lines = []
     while isinstance(case := inspect.unwrap(case), partial):
         lines.append(f"# with {case.args}, {case.keywords}")
+        lines += _digests((case.args, case.keywords))
         case = case.func
     described: Any = case
     if not inspect.isroutine(case):
@@ -193,6 +196,16 @@ def _source(case: Callable[..., object], version: object) -> list[str]:
             raise ValueError("The source of the case is not found: give a `version`.") from None
         text = ""
     return lines + text.splitlines()
+
+
+def _digests(given: PyTree) -> list[str]:
+    """Return a line for each array among arguments, whose text leaves numbers out."""
+    lines = []
+    for x in jax.tree.leaves(given):
+        if isinstance(x, jax.Array | np.ndarray) and getattr(x.dtype, "kind", "O") in "biufcU":
+            digest = hashlib.blake2b(np.ascontiguousarray(x), digest_size=10).hexdigest()
+            lines.append(f"# of {x.dtype} {x.shape} {digest}")
+    return lines
 
 
 def _read(paths: Iterable[Path], files: Mapping[Path, Case]) -> dict[Path, Variables]:

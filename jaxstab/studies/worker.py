@@ -75,11 +75,13 @@ class CaseWorker:
                 mark.write(b".")
 
     def _run_together(self, cases: Sequence[Case]) -> str:
-        self._begin(cases)
-        start = perf_counter()
         # Batches of one length, with copies of the last case, share one program.
         padded = [*cases, *[cases[-1]] * (self.batch - len(cases))]
         values = {name: np.array([case[name] for case in padded]) for name in cases[0]}
+        for name, x in values.items():
+            _require_kept(name, x)
+        self._begin(cases)
+        start = perf_counter()
         returned = jax.device_get(self._batched(values))
         seconds = (perf_counter() - start) / len(cases)
         for i, case in enumerate(cases):
@@ -106,6 +108,17 @@ class CaseWorker:
             outputs = {}
             error = f"{type(failure).__name__}: {failure}"
         self.cases.write(case, outputs, seconds, error)
+
+
+def _require_kept(name: str, values: np.ndarray) -> None:
+    """Raise `OverflowError` for integers that JAX would wrap around to fewer bits."""
+    if values.dtype.kind in "iu":
+        kept = values.astype(jax.dtypes.canonicalize_dtype(values.dtype))
+        if (kept != values).any():
+            raise OverflowError(
+                f"{name} is {values[kept != values][0]}, which does not fit into {kept.dtype}: "
+                'call jax.config.update("jax_enable_x64", True)'
+            )
 
 
 def _drop_programs() -> None:

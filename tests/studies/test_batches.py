@@ -61,6 +61,21 @@ def test_a_function_that_cannot_be_traced_runs_alone_with_a_warning(tmp_path):
     np.testing.assert_array_equal(words["a"], [1, 2])
 
 
+def test_integers_that_jax_would_wrap_around_run_alone(tmp_path):
+    def case(seed):
+        return {"same": seed + 0}
+
+    seeds = [1, 2**33 + 1]
+    with (
+        jax.enable_x64(False),
+        pytest.warns(UserWarning, match=r"OverflowError: seed is 8589934593, which .* into int32"),
+    ):
+        alone = js.study(case, {"seed": seeds}, tmp_path / "single", batch=2)
+    assert alone["same"].values.tolist() == seeds
+    together = js.study(case, {"seed": seeds}, tmp_path / "double", batch=2)
+    assert together["same"].values.tolist() == seeds
+
+
 def test_a_batch_that_does_not_fit_into_memory_is_refused_and_not_run_one_by_one(tmp_path):
     def case(x):
         # More than a process can address.

@@ -6,6 +6,7 @@ import sys
 from functools import partial
 
 import equinox as eqx
+import jax.numpy as jnp
 import numpy as np
 import pytest
 from logged_study import runs
@@ -87,6 +88,21 @@ def test_partial_functions_and_callable_modules_are_cases(tmp_path):
         assert js.study(call, AXES, path)["product"].values.tolist() == [2, 4]
     with pytest.raises(ValueError, match=r"'factor': 2.*\n\+.*'factor': 3"):
         js.study(partial(case, factor=3), AXES, tmp_path / "partial")
+
+
+@pytest.mark.parametrize("kind", [np.asarray, jnp.asarray])
+def test_every_number_of_an_array_that_a_partial_function_holds_is_compared(kind, tmp_path):
+    def case(heights, seed):
+        return {"sum": seed * heights.sum()}
+
+    heights = np.zeros(2000)
+    study = js.study(partial(case, kind(heights)), AXES, tmp_path / "study")
+    assert study["sum"].values.tolist() == [0, 0]
+    js.study(partial(case, kind(heights)), {"seed": [1, 2, 3]}, tmp_path / "study")
+    # Its text, which NumPy shortens, is the same.
+    heights[1000] = 1e-12
+    with pytest.raises(ValueError, match=r"\n\+.*# of float64 \(2000,\) "):
+        js.study(partial(case, kind(heights)), AXES, tmp_path / "study")
 
 
 def test_a_function_without_source_needs_a_version(tmp_path):
