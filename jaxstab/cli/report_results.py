@@ -127,6 +127,12 @@ def _law(
 ) -> js.potentials.Exponential:
     """Return the law of adhesion; by default its range is the shortest that the grid resolves."""
     length = options.range
+    longest = float(surface.lengths.max())
+    if length is not None and length > longest:
+        raise ValueError(
+            f"--range is {length:g} m, longer than the scan of {longest:.3g} m: give it in metres, "
+            "as 2e-9 for 2 nm."
+        )
     if length is None:
         wide = js.potentials.Exponential(options.work, surface.lengths.max())
         shortest = float(js.resolved_range(js.Contact(solid, surface, wide), FOR_JUMPS))

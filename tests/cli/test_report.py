@@ -156,6 +156,7 @@ def test_texts_of_a_page_are_no_tags():
         ([*SCAN, "--modulus", "-1", "--work", "0.05"], "Young's modulus is -1"),
         ([*SCAN, "--modulus", "1e6", "--work", "-1"], "surface energy is -1"),
         ([*SCAN, *MATERIAL, "--range", "0"], "The length of the potential is 0"),
+        ([*SCAN, *MATERIAL, "--range", "50"], "--range is 50 m, longer than the scan of 2e-06 m"),
         ([*SCAN, *MATERIAL, "--size", "4"], "--size: '4' is not a whole number of at least 8."),
         (["--lengths", "2", "1.5", *MATERIAL], "has no unit of length: give --unit"),
         ([*SCAN, *MATERIAL, "--output", "there.html"], "there.html exists, and is not overwritten"),
