@@ -241,7 +241,8 @@ def check_drawn_forces(path):
 
 def test_a_path_on_a_window_is_drawn_by_its_forces(loop):
     # Another contact's path, which other tests have followed, as if it were one.
-    states = replace(loop.equilibrium, is_window=True, area=2.0, units=Units("nm", "GPa"))
+    area = jnp.full_like(loop.equilibrium.mean_pressure, 2.0)
+    states = replace(loop.equilibrium, is_window=True, area=area, units=Units("nm", "GPa"))
     load = js.FarDisplacement(loop.load.value)
     np.testing.assert_allclose(states.force, 2 * states.mean_pressure)
     check_drawn_forces(replace(loop, load=load, equilibrium=states))
