@@ -5,7 +5,7 @@ from pathlib import Path
 from uuid import uuid4
 
 
-def write_whole(path: Path, content: bytes) -> None:
+def write_whole(path: Path, content: bytes | memoryview) -> None:
     """Write a file under another name, flush it, and rename it."""
     part = path.with_name(f".{path.name}.{uuid4().hex}.part")
     try:

@@ -14,6 +14,7 @@ import numpy as np
 from jax.typing import DTypeLike
 
 from jaxstab.contact import Contact
+from jaxstab.core.atomic_write import write_whole
 from jaxstab.core.checks import require_kind
 from jaxstab.core.optional_packages import NETCDF, require_packages
 from jaxstab.core.warn import warn
@@ -56,6 +57,7 @@ def save(
         ValueError: if the name does not end in .nc, and as `to_dataset`.
         TypeError: for something that is not the path of a file.
         FileExistsError: if the file exists.
+        OSError: if the disk is full or cannot be written to.
         ImportError: without xarray, h5netcdf and h5py.
     """
     example = 'jaxstab.save("run.nc", contact, result)'
@@ -80,13 +82,11 @@ def save(
         if path.is_file() and not path.stat().st_size:
             left = "is empty, perhaps left by a process that was killed"
         raise FileExistsError(f"{path} {left}: delete it, or give another name.") from None
-    part = path.with_name(f".{path.name}.part")
     try:
         dataset.attrs["checksums"] = json.dumps(_checksums(_arrays(dataset), dataset.attrs))
-        dataset.to_netcdf(part, engine="h5netcdf", encoding=_encoding(dataset))
-        os.replace(part, path)
+        # In memory first: on a full disk HDF5 ends the process.
+        write_whole(path, dataset.to_netcdf(engine="h5netcdf", encoding=_encoding(dataset)))
     except BaseException:
-        part.unlink(missing_ok=True)
         path.unlink()
         raise
     return path
