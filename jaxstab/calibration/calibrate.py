@@ -337,7 +337,7 @@ def _watched(inputs: _Inputs, progress: bool | None) -> tuple[Calibration, Hints
     with progress_bar(number, "fit", shown=progress) as bar:
         for i in range(number):
             try:
-                found = jax.block_until_ready(_attempt(inputs, i, found))
+                found = jax.block_until_ready(one_more_fit(inputs, i, found))
             except early_ends():
                 if i == 0:
                     raise
@@ -365,7 +365,8 @@ def _begin(inputs: _Inputs) -> Search:
 
 
 @program
-def _attempt(inputs: _Inputs, number: int, so_far: Search) -> Search:
+def one_more_fit(inputs: _Inputs, number: int, so_far: Search) -> Search:
+    """Run a fit of the search, and return the search with what it found."""
     return inputs.fits()[1].attempt(number, so_far)
 
 

@@ -11,7 +11,7 @@ import jax
 import jaxlib.version
 
 # A larger cache is deleted [bytes].
-_MAX_SIZE = 1_000_000_000
+MAX_SIZE = 1_000_000_000
 
 
 def use_compilation_cache() -> None:
@@ -26,7 +26,7 @@ def use_compilation_cache() -> None:
         folder.mkdir(mode=0o700, parents=True, exist_ok=True)
         # This fails for another user's folder.
         folder.chmod(0o700)
-        if sum(file.stat().st_size for file in folder.iterdir()) > _MAX_SIZE:
+        if sum(file.stat().st_size for file in folder.iterdir()) > MAX_SIZE:
             shutil.rmtree(folder)
             folder.mkdir(mode=0o700)
     except OSError:

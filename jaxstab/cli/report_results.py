@@ -101,7 +101,7 @@ def results_of(options: argparse.Namespace) -> Results:
     solid = js.HalfSpace(surface.grid, options.modulus, options.poisson_ratio)
     law = _law(solid, surface, options)
     contact = js.Contact(solid, surface, law)
-    states = _states(contact, solid)
+    states = loaded_states(contact, solid)
     loop = _loop(contact, solid, law, states[-1].equilibrium)
     longer = js.potentials.Exponential(options.work, _LONGER * law.length)
     coarser = surface.resampled([-(-points // 2) for points in surface.grid.shape])
@@ -142,7 +142,8 @@ def _law(
     return js.potentials.Exponential(options.work, jnp.asarray(length))
 
 
-def _states(contact: js.Contact, solid: js.HalfSpace) -> list[LoadedState]:
+def loaded_states(contact: js.Contact, solid: js.HalfSpace) -> list[LoadedState]:
+    """Return the states of the report under several pressures, with patches and verdicts."""
     slope = js.surfaces.rms_slope(contact.grid, contact.heights)
     unit = solid.contact_modulus * slope
     states = []

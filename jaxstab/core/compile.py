@@ -17,7 +17,7 @@ from jaxstab.core.control_flow import by_entries, has_accelerator
 
 # Linux gives a process 65 530 memory mappings, of which a compiled program takes hundreds. LLVM
 # aborts the process when none is left, so the error must come before.
-_MOST_MAPPINGS = 0.95
+MOST_MAPPINGS = 0.95
 Given = ParamSpec("Given")
 Out = TypeVar("Out")
 
@@ -104,7 +104,7 @@ def memory_mappings() -> tuple[int, int] | None:
 def _require_memory_mappings() -> None:
     """Raise `MemoryError` if a program to be compiled may exhaust the memory mappings."""
     number, most = memory_mappings() or (0, 1)
-    if number > _MOST_MAPPINGS * most:
+    if number > MOST_MAPPINGS * most:
         raise MemoryError(
             f"The process has {number} of at most {most} memory mappings, nearly all of them by "
             "compiled programs. Call jax.clear_caches(), which drops these, and go on; or raise "

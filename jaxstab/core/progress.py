@@ -12,7 +12,7 @@ from tqdm import tqdm
 from jaxstab.core.checks import is_transformed, where_known
 
 # A step after this time shows a bar by itself, where somebody sees it [s].
-_DELAY = 2.0
+DELAY = 2.0
 _bars: list[tqdm] = []
 
 
@@ -28,7 +28,7 @@ def progress_bar(
     style = {}
     if shown is None:
         shown = is_watched() and not _bars
-        style = {"delay": _DELAY, "leave": False}
+        style = {"delay": DELAY, "leave": False}
     is_hidden = not shown or is_transformed(inputs)
     with tqdm(total=total, unit=unit, disable=is_hidden, initial=done, **style) as bar:
         _bars.append(bar)

@@ -75,14 +75,14 @@ def test_an_exact_curve_gives_potential_and_modulus_exactly(start, exact, exact_
 @pytest.mark.parametrize("number", [0, 3])
 def test_an_interrupt_loses_no_fit_that_has_ended(start, exact, number, monkeypatch):
     module = importlib.import_module("jaxstab.calibration.calibrate")
-    attempt = module._attempt
+    one_more_fit = module.one_more_fit
 
     def interrupted(inputs, i, found):
         if i == number:
             signal.raise_signal(signal.SIGINT)
-        return attempt(inputs, i, found)
+        return one_more_fit(inputs, i, found)
 
-    monkeypatch.setattr(module, "_attempt", interrupted)
+    monkeypatch.setattr(module, "one_more_fit", interrupted)
     if number == 0:
         with pytest.raises(KeyboardInterrupt):
             js.calibrate(start, LOAD, exact)

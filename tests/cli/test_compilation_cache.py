@@ -68,6 +68,6 @@ def test_a_large_cache_is_begun_anew(unset, monkeypatch):
     (folder / "program").write_bytes(100 * b"x")
     for size, left in [(100, ["program"]), (99, [])]:
         jax.config.update("jax_compilation_cache_dir", None)
-        monkeypatch.setattr(compilation_cache, "_MAX_SIZE", size)
+        monkeypatch.setattr(compilation_cache, "MAX_SIZE", size)
         cache_folder()
         assert os.listdir(folder) == left

@@ -127,7 +127,7 @@ def test_a_report_whose_search_is_interrupted_ends_and_writes_nothing(
     ended = SimpleNamespace(result=js.RESULTS.interrupted)
     state = SimpleNamespace(equilibrium=SimpleNamespace(mean_gap=1e-8))
     found = SimpleNamespace(result=js.RESULTS.successful)
-    monkeypatch.setattr("jaxstab.cli.report_results._states", lambda *_: [state])
+    monkeypatch.setattr("jaxstab.cli.report_results.loaded_states", lambda *_: [state])
     monkeypatch.setattr(js, "follow", lambda *_, **__: found)
     monkeypatch.setattr(js, name, lambda *_, **__: ended)
     with pytest.raises(SystemExit) as stopped:

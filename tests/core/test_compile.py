@@ -37,7 +37,7 @@ def test_an_error_tells_the_cure_before_memory_mappings_run_out(monkeypatch):
     double = program(lambda value: 2 * value)
     np.testing.assert_array_equal(double(jnp.ones(2)), 2)
     # As if nearly all were taken.
-    monkeypatch.setattr(compiling, "_MOST_MAPPINGS", 0)
+    monkeypatch.setattr(compiling, "MOST_MAPPINGS", 0)
     with pytest.raises(MemoryError, match=r"memory mappings.* jax\.clear_caches\(\)"):
         double(jnp.ones(3))
     # A compiled program needs no more of them.

@@ -46,7 +46,7 @@ def test_inside_of_transformations_no_bar_is_shown(name, capsys):
 def watched(monkeypatch):
     """Standard error as a terminal, where work of 0.05 s takes long."""
     monkeypatch.setattr(progress, "is_watched", lambda: True)
-    monkeypatch.setattr(progress, "_DELAY", 0.05)
+    monkeypatch.setattr(progress, "DELAY", 0.05)
 
 
 @pytest.mark.usefixtures("watched")
@@ -71,7 +71,7 @@ def test_short_work_shows_no_bar(capsys):
 
 
 def test_in_a_pipe_no_bar_appears_by_itself(monkeypatch, capsys):
-    monkeypatch.setattr(progress, "_DELAY", 0.05)
+    monkeypatch.setattr(progress, "DELAY", 0.05)
     with progress_bar(3, "load", shown=None) as bar:
         time.sleep(0.3)
         bar.update(3)
