@@ -15,7 +15,6 @@ _FEWEST_PRESSED = 10
 _WEIGHINGS = 10
 # The least force is F_0 of the contact within this part of it.
 _FACTOR_ERROR = 0.25
-_LARGEST_FACTOR = 3.0
 # The blocks of points over which noise may be correlated.
 _BLOCKS = 20
 # The search for the part without force starts from this part of the heights, at the far end, and
@@ -24,8 +23,6 @@ _START = 0.1
 _STEP = 1.25
 # The part next to the first force is left out, since the force begins below the noise.
 _MARGIN = 0.2
-# A baseline that covers more of the points leaves no contact.
-_MOST = 0.95
 # The parts of the largest force, above the least, from which the contact point follows.
 _LOWER, _UPPER = 0.03, 0.6
 # A retraction has not detached if its far part rises by this part of the force range.
@@ -311,7 +308,7 @@ def _line(name: str, segment: Segment, is_tilted: bool) -> _Line:
     while (end := _free_of_force(line, height, force, block)) > number:
         number = min(end, int(_STEP * number) + 1)
         line = _fitted(height[:number], force[:number], is_tilted)
-    if number > _MOST * count:
+    if number == count:
         raise _NoBaseline(
             f"The {name} has no contact: all of its forces lie on one line, or none of them do. A "
             "baseline needs a part without force, at the far end, and a part in contact."
@@ -507,7 +504,6 @@ def _contact(segment: Segment, constant: float, noise: float) -> tuple[float, fl
         rows = np.vstack([weights[:, None] * columns, [0, 0, prior]])
         values = np.append(weights * (tip + moved * found[2]), prior)
         found = np.linalg.lstsq(rows, values, rcond=None)[0]
-        found[2] = np.clip(found[2], 1 / _LARGEST_FACTOR, _LARGEST_FACTOR)
     misfit = (values - rows @ found)[:-1]
     variance = np.linalg.inv(rows.T @ rows)[0, 0] * _variance(misfit, 3)
     return float(found[0]), float(np.sqrt(variance))
