@@ -10,7 +10,7 @@ from jaxstab.core.checks import array, in_words, integer, require, require_one_o
 from jaxstab.core.units import LENGTHS, PRESSURES
 from jaxstab.force_curves import Baseline, ForceCurve, Segment
 from jaxstab.force_curves.correction import Correction, clocks_of, ends_of
-from jaxstab.force_curves.segment import SIGNIFICANT
+from jaxstab.force_curves.segment import SIGNIFICANT, block_means, size_of_blocks
 from jaxstab.loads import FarDisplacement, Load, Spring
 
 Parts = Literal["approach", "retraction", "both"]
@@ -21,23 +21,17 @@ _PARTS = {
 }
 # One mean where no force acts for so many in contact.
 _FAR = 6
-# Forces are sought in means over so many blocks of points.
-_BLOCKS = 200
-_FEWEST_FAR = 10
 # Where the force bends means are over fewer points, and jumps divide some: one more for so many.
 _SPARE = 3
-# A mean is divided if it exceeds the force at its middle by so many of its errors, and both halves
-# have so many points.
+# A mean is divided if it exceeds the force at its middle by so many of its errors.
 _BENT = 0.25
-_FEWEST_IN_MEAN = 4
+# Means over fewer points are not divided, a parabola through fewer would follow the noise, and as
+# many are left beyond the reach of the forces.
+_FEWEST = 8
 # A step of the tip is a jump if it exceeds the noise, and steps of the cantilever, so many times.
 _NOISES, _STEPS = 12.0, 5.0
 # Fewer points between two jumps are a tip on its way.
 _ON_ITS_WAY = 3
-# A parabola through fewer points would follow the noise.
-_FEWEST_IN_PARABOLA = 8
-# The variance of tip positions that a parabola is drawn over, over the variance of their noise.
-_ABOVE_NOISE = 10.0
 # The least slope of the tip position over the height that counts in the weights.
 _LEAST_SLOPE = 0.02
 
@@ -237,7 +231,7 @@ def _means(
         near = columns[:, np.concatenate(same)]
         middle = inside.mean(axis=1)
         # The height is singular where the tip is about to jump, the tip position is not.
-        if not is_spring and np.var(near[1]) > _ABOVE_NOISE * noise**2:
+        if not is_spring and np.std(near[1]) > SIGNIFICANT * noise:
             spread = max(np.var(inside[1]) - noise**2, 0.0)
             excess = float(_bend(near[1] - middle[1], near[2]) * spread / 2)
             return middle - [0, 0, excess, 0], excess
@@ -248,8 +242,8 @@ def _means(
         means, excess = zip(*map(corrected, range(len(groups))), strict=True)
         count = np.array([len(group) for group in groups])
         share = np.abs(excess) * np.sqrt(count) / line.noise
-        worst = int(np.argmax(np.where(count < 2 * _FEWEST_IN_MEAN, 0, share)))
-        if len(groups) >= most or count[worst] < 2 * _FEWEST_IN_MEAN or share[worst] <= _BENT:
+        worst = int(np.argmax(np.where(count < _FEWEST, 0, share)))
+        if len(groups) >= most or count[worst] < _FEWEST or share[worst] <= _BENT:
             break
         groups[worst : worst + 1] = np.array_split(groups[worst], 2)
     run = run[[group[0] for group in groups]]
@@ -271,19 +265,17 @@ def _means(
 
 def _reach(height: np.ndarray, force: np.ndarray, noise: float) -> float:
     """Return the height up to which forces act, and half of that depth more, from the far end."""
-    block = max(len(force) // _BLOCKS, 1)
-    count = len(force) // block
-    means = force[: count * block].reshape(count, block).mean(axis=1)
+    block = size_of_blocks(force)
+    means = block_means(force, block)
     first = int(np.argmax(np.abs(means) > SIGNIFICANT * noise / np.sqrt(block))) * block
     lowest = float(height.min())
     depth = float(height[first]) - lowest
-    # Some points are left beyond.
-    return min(lowest + 1.5 * depth, float(height[_FEWEST_FAR]))
+    return min(lowest + 1.5 * depth, float(height[_FEWEST]))
 
 
 def _bend(position: np.ndarray, force: np.ndarray) -> float:
     """Return the second derivative of the force over the position, by a parabola."""
-    if np.unique(position).size < _FEWEST_IN_PARABOLA:
+    if np.unique(position).size < _FEWEST:
         return 0.0
     scale = np.abs(position).max()
     return float(2 * np.polyfit(position / scale, force, 2)[0] / scale**2)

@@ -7,7 +7,14 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from jaxstab.core.units import typeset
-from jaxstab.force_curves.segment import SIGNIFICANT, Segment, scaled, tip_from_height
+from jaxstab.force_curves.segment import (
+    SIGNIFICANT,
+    Segment,
+    block_means,
+    scaled,
+    size_of_blocks,
+    tip_from_height,
+)
 
 _FEWEST = 50
 _FEWEST_PRESSED = 10
@@ -319,9 +326,9 @@ def _line(name: str, segment: Segment, is_tilted: bool) -> _Line:
 def _free_of_force(line: _Line, height: np.ndarray, force: np.ndarray, block: int) -> int:
     """Return the number of points, from the far end, before means over blocks leave the line."""
     inside = line.number // block
-    means = _means(force - line.forces(height), block)
+    means = block_means(force - line.forces(height), block)
     noise = np.std(means[:inside])
-    away = np.stack([np.ones(len(means)), _means(height, block) - line.height])
+    away = np.stack([np.ones(len(means)), block_means(height, block) - line.height])
     errors = np.sqrt(noise**2 + np.einsum("ij,ik,kj->j", away, line.covariance, away))
     is_force = np.abs(means) > SIGNIFICANT * errors
     is_force[:inside] = False
@@ -350,14 +357,8 @@ def _variance(misfit: np.ndarray, freedom: int) -> float:
     count = len(misfit)
     variance = float(np.sum(misfit**2)) / max(count - freedom, 1)
     block = max(count // _BLOCKS, 1)
-    means = _means(misfit, block)
+    means = block_means(misfit, block)
     return max(variance, block * float(np.sum(means**2)) / max(len(means) - freedom, 1))
-
-
-def _means(values: np.ndarray, block: int) -> np.ndarray:
-    """Return the means over blocks of points, the rest of the last one left out."""
-    count = len(values) // block
-    return values[: count * block].reshape(count, block).mean(axis=1)
 
 
 def _line_of_retraction(segments: Mapping[str, Segment], approach: _Line, is_tilted: bool) -> _Line:
@@ -420,8 +421,8 @@ def _pressed(segment: Segment, least: float, most: float, noise: float) -> _Pres
     if segment.height[numbers[0]] < segment.height[numbers[-1]]:
         numbers = numbers[::-1]
     force = segment.force[numbers]
-    block = max(len(force) // 200, 1)
-    means = _means(force, block)
+    block = size_of_blocks(force)
+    means = block_means(force, block)
     lowest = int(np.argmin(means))
     attraction = max(-float(means[lowest]), 0.0)
     above = means + attraction

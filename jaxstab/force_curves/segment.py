@@ -9,6 +9,8 @@ Value = TypeVar("Value", float, np.ndarray)
 
 # A force is told from noise if it exceeds its standard error so many times.
 SIGNIFICANT = 5.0
+# Forces are sought in means over so many blocks of points.
+_BLOCKS = 200
 _NO_SPRING = (
     "The tip position is unknown, since the curve has no spring constant: give it in N/m, as in "
     "js.force_curves.read(path, spring_constant=0.2)."
@@ -100,3 +102,14 @@ def tip_from_height(
     if spring_constant is None:
         return None
     return height + force / spring_constant
+
+
+def size_of_blocks(values: np.ndarray) -> int:
+    """Return the number of points in each block over which forces are sought."""
+    return max(len(values) // _BLOCKS, 1)
+
+
+def block_means(values: np.ndarray, size: int) -> np.ndarray:
+    """Return the means over blocks of points, the rest of the last one left out."""
+    count = len(values) // size
+    return values[: count * size].reshape(count, size).mean(axis=1)
