@@ -117,7 +117,7 @@ def quantities_or_default(
 def _draw(path: Path, x: Quantity, y: Quantity, axes: Axes) -> Axes:
     loads = np.asarray(path.load.value)
     units = path.equilibrium.units
-    there, across, gap = (of_states(path, quantity) for quantity in (x, y, "mean_gap"))
+    there, across = (of_states(path, quantity) for quantity in (x, y))
     # A state belongs to the part of the load path that leads to it.
     forth = np.sign(np.diff(loads, prepend=2 * loads[0] - loads[1]))
     part = np.cumsum(np.diff(forth, prepend=forth[0]) != 0)
@@ -130,13 +130,13 @@ def _draw(path: Path, x: Quantity, y: Quantity, axes: Axes) -> Axes:
         before = chosen[0] - 1
         if before >= 0 and branch[before] == j:
             chosen = np.concatenate([[before], chosen])
-        gaps = gap[part == i]
-        if gaps[-1] < gaps[0]:
-            name = "approach"
-            style = _APPROACH
-        else:
+        is_rising = forth[chosen[-1]] > 0
+        if is_rising == (path.load.unit == LENGTH):
             name = "retraction"
             style = _RETRACTION
+        else:
+            name = "approach"
+            style = _APPROACH
         label = None
         if j == branch[part == i][0]:
             label = f"{name} to {loads[part == i][-1] / divisor:.3g}"
@@ -177,7 +177,7 @@ def scale(axis: XAxis | YAxis, path: _Curve, quantity: Quantity) -> None:
 
 
 def _draw_jumps(path: Path, there: np.ndarray, across: np.ndarray, axes: Axes) -> None:
-    # A jump to separation has no state after it, and its dissipation is NaN.
+    # A jump to separation has no state after it. Its dissipation is NaN, as that of the next touch.
     dissipation = np.asarray(path.jumps.dissipation)
     last = np.asarray(path.jumps.state)
     gone = last[np.isnan(dissipation)]

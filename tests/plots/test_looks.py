@@ -88,6 +88,12 @@ def test_a_legend_names_approach_and_retraction(loop):
         "approach to 1.2",
         "retraction to 1.6",
     ]
+    # The direction is that of the load, whatever the gap does.
+    pressed = plots.path(under(loop, js.MeanPressure(loop.load.value))).figure.axes[1]
+    assert [text.get_text() for text in pressed.get_legend().get_texts()][:2] == [
+        "retraction to 1.2",
+        "approach to 1.6",
+    ]
 
 
 def contrast(one, other):
