@@ -73,6 +73,7 @@ def posed_state(contact: Contact, equilibrium: Equilibrium) -> Posed[Equilibrium
 
 
 def _posed(contact: Contact, state: State) -> Posed[State]:
+    contact = eqx.tree_at(lambda contact: contact.solid, contact, contact.solid.prepared)
     own, unit = _in_characteristic_pressure(contact.known_core, contact)
     return Posed(own, _in_units_of(state, unit), unit)
 

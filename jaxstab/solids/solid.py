@@ -49,6 +49,11 @@ class Solid(eqx.Module):
         return self
 
     @property
+    def prepared(self) -> "Solid":
+        """The solid with all stiffnesses computed that do not change while a contact is solved."""
+        return self
+
+    @property
     def area_fraction(self) -> float:
         """The fraction of the grid with a surface opposite to it."""
         return 1.0

@@ -38,7 +38,7 @@ class Waves(Solid):
         waves = multiplier.ravel()[1:]
         most = jnp.max(waves)
         least = jnp.min(waves)
-        has_range = (least >= jnp.finfo(waves.dtype).tiny) & jnp.all(jnp.isfinite(waves))
+        has_range = (least >= jnp.finfo(waves.dtype).tiny) & jnp.isfinite(most)
         return cls(grid, multiplier, most, least, has_range)
 
     @property
@@ -104,8 +104,13 @@ class SpectralSolid(Solid):
         """This solid by its multiplier."""
         q = self.grid.wavenumbers
         # The second `where` keeps a formula that is singular at q = 0 out of the derivatives.
-        stiffness = self.stiffness_at(jnp.where(q > 0, q, jnp.max(q)))
+        stiffness = self.stiffness_at(jnp.where(q > 0, q, q.ravel()[1]))
         return Waves.of(self.grid, jnp.where(q > 0, stiffness, self.uniform_stiffness))
+
+    @property
+    def prepared(self) -> Waves:
+        """This solid by its multiplier."""
+        return self.waves
 
     @property
     def max_stiffness(self) -> Scalar:  # pyright: ignore[reportIncompatibleVariableOverride]
