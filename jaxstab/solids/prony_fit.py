@@ -23,12 +23,10 @@ _FEWEST_TEMPERATURES = 3
 # A sweep is at one temperature, of which an instrument tells each deviation [K].
 _ONE_TEMPERATURE = 1.0
 # First guesses of the constant C2 at the lowest temperature, over the span of temperatures.
-_FIRST_C2 = 0.3, 1.0, 3.0, 10.0
+_FIRST_C2 = 0.5, 5.0
 # The step of differences by the logarithms of the constants: the residual of a fit whose terms
 # come and go is rough at smaller ones.
 _STEP = 1e-3
-# Points in the overlap of two curves.
-_POINTS = 200
 
 
 class Kind(NamedTuple):
@@ -254,10 +252,12 @@ def _first_guess(data: Data, above: np.ndarray, sweeps: list[np.ndarray]) -> np.
         low = max(values[0], next_values[0])
         high = min(values[-1], next_values[-1])
         if low < high:
-            common = np.linspace(low, high, _POINTS)
-            distance = np.interp(common, values, rates)
-            distance -= np.interp(common, next_values, next_rates)
-            shifts[i] = distance.mean()
+            # Between the values of either both curves are straight.
+            common = np.clip(np.union1d(values, next_values), low, high)
+            middles = (common[1:] + common[:-1]) / 2
+            distance = np.interp(middles, values, rates)
+            distance -= np.interp(middles, next_values, next_rates)
+            shifts[i] = distance @ np.diff(common) / (high - low)
             ranges[i] = high - low
     means = np.array([above[sweep].mean() for sweep in sweeps])
     if np.count_nonzero(ranges) < _FEWEST_TEMPERATURES - 1:
