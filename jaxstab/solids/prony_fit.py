@@ -23,7 +23,7 @@ _FEWEST_TEMPERATURES = 3
 # A sweep is at one temperature, of which an instrument tells each deviation [K].
 _ONE_TEMPERATURE = 1.0
 # First guesses of the constant C2 at the lowest temperature, over the span of temperatures.
-_FIRST_C2 = 0.5, 5.0
+_FIRST_C2 = 0.3, 1.0, 3.0, 10.0
 # The step of differences by the logarithms of the constants: the residual of a fit whose terms
 # come and go is rough at smaller ones.
 _STEP = 1e-3

