@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from jaxstab import plots
-from jaxstab.branches import Branch
+from jaxstab.branches import Branch, CriticalLoad
 from jaxstab.cli.problem import loaded
 from jaxstab.contact import Contact
 from jaxstab.equilibrium import Equilibrium
@@ -58,6 +58,8 @@ def _figure(contact: Contact, result: Any) -> Figure | Axes:
         return plots.transition(contact, result)
     if isinstance(result, Stability):
         return plots.mode(contact, result.cone)
+    if isinstance(result, CriticalLoad):
+        return plots.mode(contact, result.critical)
     if isinstance(result, Equilibrium) or (result.stability is None and not result.stack_shape):
         return plots.gap(contact, result)
     if result.stability is None:

@@ -11,7 +11,7 @@ import jax
 import numpy as np
 from jaxtyping import PyTree
 
-from jaxstab.branches import Branch
+from jaxstab.branches import Branch, CriticalLoad
 from jaxstab.contact import Contact, require_contact, require_same_contact
 from jaxstab.core.checks import require_known, require_shape
 from jaxstab.core.display import text
@@ -37,7 +37,16 @@ if TYPE_CHECKING:
 # Dimensions, values and attributes.
 Variable = tuple[Sequence[str], np.ndarray, dict[str, str]]
 Result = (
-    Equilibrium | Stability | Sweep | Path | Branch | Evolution | Transition | Detachment | Observed
+    Equilibrium
+    | Stability
+    | Sweep
+    | Path
+    | CriticalLoad
+    | Branch
+    | Evolution
+    | Transition
+    | Detachment
+    | Observed
 )
 
 # The number of the format, to be raised when this version could not read files of the next.
@@ -104,8 +113,9 @@ def to_dataset(contact: Contact, result: Result, *, fields: bool = True) -> "xar
 
     Arguments:
         contact: the contact problem.
-        result: a result of `equilibrate`, `assess_stability`, `sweep`, `follow`, `continuation`,
-            `transition`, `detachment`, `evolve` or `observe` for it.
+        result: a result of `equilibrate`, `assess_stability`, `sweep`, `follow`, `pull_off`,
+            `critical_load`, `continuation`, `transition`, `detachment`, `evolve` or `observe` for
+            it.
         fields: whether to keep the fields and histories, without which `jaxstab.load` cannot give
             the result back.
 
@@ -165,8 +175,8 @@ def _axes(
     if not isinstance(result, Result):
         raise TypeError(
             f"{type(result).__name__} is no result of equilibrate, assess_stability, sweep, "
-            "follow, continuation, transition, detachment, evolve or observe. If it holds an "
-            "equilibrium, give that, as pull.equilibrium; a state of a path becomes one by "
+            "follow, pull_off, critical_load, continuation, transition, detachment, evolve or "
+            "observe. If it holds an equilibrium, give that; a state of a path becomes one by "
             "equilibrate(contact, path[i].load, initial=path[i])."
         )
     own = _OWN_AXES.get(type(result), {})

@@ -102,9 +102,9 @@ def load(path: str | Path, *, potential: Potential | None = None) -> tuple[Conta
         potential: the law, if the file has only values of it, or its class is not imported.
 
     Returns:
-        The contact, and the equilibrium, stability, sweep, path, branch, evolution, transition,
-        detachment or observables. Without its law the contact serves for figures; a solver that
-        needs the law raises an error.
+        The contact, and the equilibrium, stability, sweep, path, critical load, branch, evolution,
+        transition, detachment or observables. Without its law the contact serves for figures; a
+        solver that needs the law raises an error.
 
     Raises:
         ValueError: for a file of another kind, of another format or without fields; for a file in

@@ -55,6 +55,31 @@ def test_a_pass_to_detached_surfaces_comes_back_and_is_drawn(detaching, tmp_path
     plt.close("all")
 
 
+def test_a_pull_off_and_critical_loads_come_back_and_are_drawn(detaching, tmp_path, capsys):
+    contact, _ = detaching
+    end = js.pull_off(contact)
+    path = js.save(tmp_path / "end.nc", contact, end)
+    assert_same_bits((contact, end), js.load(path))
+    with xarray.open_dataset(path) as plain:
+        assert plain.attrs["load_kind"] == "MeanPressure" and str(plain.kind.values) == "release"
+        np.testing.assert_array_equal(plain["load"], end.load.value)
+        assert plain.critical_mode.dims == plain.gap.dims == ("x",)
+        # Under a dead load nothing remains.
+        assert str(plain.after_result.values) == "pulled_off"
+    for command in ("info", "plot"):
+        main([command, str(path)])
+    said, figure = capsys.readouterr().out.strip().rsplit("\n", 1)
+    assert str(end) in said and os.path.getsize(figure) > 5_000
+    plt.close("all")
+    several = jax.tree.map(lambda *x: jnp.stack(x), end, replace(end, result=js.RESULTS.no_jump))
+    dataset = js.to_dataset(contact, several)
+    assert dataset["load"].dims == dataset.critical_eigenvalue.dims == ("state",)
+    assert dataset.result_.values.tolist() == ["successful", "no_jump"]
+    stiff = js.Contact(js.HalfSpace(contact.grid, 2.0), contact.heights, contact.potential)
+    with pytest.raises(ValueError, match="no equilibrium of this contact"):
+        js.save(tmp_path / "other.nc", stiff, end)
+
+
 def test_a_detachment_comes_back_and_says_what_it_is(detaching, tmp_path, capsys):
     contact, _ = detaching
     options = {"thermal_energy": 2e-4, "attempt_rate": 1e9}
