@@ -113,15 +113,17 @@ class Recorder:
         kind = type(value).__qualname__
         if "<locals>" in kind or not isinstance(value, eqx.Module):
             return {"function": kind}
+        parts = {field.name: getattr(value, field.name) for field in fields(value)}
+        # A module's own arrays have a name before those of its parts: its result is `result`.
         contents = {
-            field.name: self.structure(
-                getattr(value, field.name),
-                (*path, field.name),
-                (axes_of or {}).get(field.name, axes),
+            name: self.structure(
+                part,
+                (*path, name),
+                (axes_of or {}).get(name, axes),
                 None,
-                declared(type(value)).get(field.name, ()),
+                declared(type(value)).get(name, ()),
             )
-            for field in fields(value)
+            for name, part in sorted(parts.items(), key=lambda item: _has_parts(item[1]))
         }
         if isinstance(value, History):
             self.indicators[contents["table"]["array"]] = ["step", *value.names]
@@ -161,6 +163,10 @@ class Recorder:
         if path[-2:] == ("grid", "lengths") and len(shape) == 1:
             return ("side",)
         return tuple(f"{name}_{i}" for i in range(len(shape)))
+
+
+def _has_parts(value: object) -> bool:
+    return isinstance(value, eqx.Module) and not isinstance(value, Enumeration)
 
 
 def restored(structure: Structure, arrays: Mapping[str, np.ndarray]) -> PyTree:

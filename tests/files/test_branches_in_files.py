@@ -74,7 +74,8 @@ def test_a_pull_off_and_critical_loads_come_back_and_are_drawn(detaching, tmp_pa
     several = jax.tree.map(lambda *x: jnp.stack(x), end, replace(end, result=js.RESULTS.no_jump))
     dataset = js.to_dataset(contact, several)
     assert dataset["load"].dims == dataset.critical_eigenvalue.dims == ("state",)
-    assert dataset.result_.values.tolist() == ["successful", "no_jump"]
+    assert dataset.result.values.tolist() == ["successful", "no_jump"]
+    assert dataset.equilibrium_result.values.tolist() == ["successful"] * 2
     stiff = js.Contact(js.HalfSpace(contact.grid, 2.0), contact.heights, contact.potential)
     with pytest.raises(ValueError, match="no equilibrium of this contact"):
         js.save(tmp_path / "other.nc", stiff, end)
