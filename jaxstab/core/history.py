@@ -70,8 +70,8 @@ class History(Outcome):
         The first 256 measurements have a row each. Each further doubling of the count has 32 rows,
         and a row keeps the last of the measurements that share it.
         """
-        octave = jnp.maximum(23 - jax.lax.clz(count.astype(jnp.int32)), 0)
-        shared = 224 + 32 * octave + (count >> (octave + 3))
+        # The exponent and five digits of a float make the 32 rows of each doubling.
+        shared = (jax.lax.bitcast_convert_type(count.astype(jnp.float32), jnp.int32) >> 18) - 4064
         row = jnp.minimum(jnp.where(count < 256, count, shared), _HISTORY_LENGTH - 1)
         values = jnp.stack([step, *(new[name] for name in self.names)]).astype(self.table.dtype)
         return replace(self, table=with_entry(self.table, row, values))

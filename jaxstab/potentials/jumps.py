@@ -1,7 +1,5 @@
 """Gaps at which the value or the slope of a law jumps."""
 
-from functools import partial
-
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -15,8 +13,8 @@ from jaxstab.potentials.evaluation import derivatives
 from jaxstab.potentials.profile import at_some_points, gaps_of
 from jaxstab.potentials.varying import Potential, varying_fields, with_fields
 
-# Gaps, a quantity there, and its derivative.
-_Side = tuple[Array, Array, Array]
+# Gaps, a quantity there, and its derivative, along the first axis of an array or in a tuple.
+_Side = Array | tuple[Array, Array, Array]
 # The smallest jump that counts, over the depth of the law or its largest attraction.
 _SMALLEST = 1e-3
 # The number of intervals that are searched, the likeliest first, for value and slope each.
@@ -59,40 +57,44 @@ def law_jump(potential: Potential, lengths: Float[Array, "..."]) -> LawJump:
     largest = jnp.maximum(jnp.abs(high[:2]), jnp.abs(low[:2]))
     sizes = jnp.maximum(scale[:, None, None], largest)
     missed = _missed((gaps[1:], low[:2], low[1:]), (gaps[:-1], high[:2], high[1:])) / sizes
-    missed = jnp.nan_to_num(missed, nan=0, posinf=0)
+    missed = jnp.where(jnp.isfinite(missed), missed, 0)
     # A jump at a gap of the table shows on both sides of it.
     beside = jnp.pad(missed, ((0, 0), (0, 0), (2, 2)))
     spikes = missed - 2 * jnp.maximum(beside[..., 4:], beside[..., :-4])
     # Without a barrier XLA sorts a constant law's intervals while it compiles, for seconds.
     spikes = jax.lax.optimization_barrier(spikes.reshape(2, -1))
     chosen = jax.lax.top_k(spikes, _COUNT)[1]
-    point, interval = jnp.divmod(chosen, gaps.size - 1)
-    own = with_fields(law, [field[point] for field in fields])
+    interval = chosen % (gaps.size - 1)
+    own = with_fields(law, [field[chosen // (gaps.size - 1)] for field in fields])
+    is_value = np.array([[True], [False]])
 
-    def side(gap: Float[Array, "two chosen"]) -> _Side:
+    def side(gap: Float[Array, "*ends two chosen"]) -> Float[Array, "three *ends two chosen"]:
         value, slope, curvature = _where_defined(own, gap)
-        return gap, jnp.stack([value[0], slope[1]]), jnp.stack([slope[0], curvature[1]])
+        quantity = jnp.where(is_value, value, slope)
+        return jnp.stack([gap, quantity, jnp.where(is_value, slope, curvature)])
 
-    def halved(_: int, sides: tuple[_Side, _Side]) -> tuple[_Side, _Side]:
-        low, high = sides
+    def halved(_: int, ends: Float[Array, "three ends two chosen"]) -> Array:
+        low = ends[:, 0]
+        high = ends[:, 1]
         middle = side((low[0] + high[0]) / 2)
         is_low = _missed(low, middle) >= _missed(middle, high)
-        pick = partial(jax.tree.map, partial(jnp.where, is_low))
-        return pick(low, middle), pick(middle, high)
+        return jnp.where(is_low, jnp.stack([low, middle], 1), jnp.stack([middle, high], 1))
 
-    sides = tuple(map(side, (gaps[interval + 1], gaps[interval])))
-    low, high = jax.lax.fori_loop(0, jnp.finfo(gaps.dtype).nmant - 6, halved, sides)
-    steepest = jnp.maximum(jnp.abs(low[2]), jnp.abs(high[2]))
+    ends = side(gaps[jnp.stack([interval + 1, interval])])
+    ends = jax.lax.fori_loop(0, jnp.finfo(gaps.dtype).nmant - 6, halved, ends)
+    low = ends[:, 0]
+    high = ends[:, 1]
+    _, largest, steepest = jnp.max(jnp.abs(ends), 1)
     # A number that underflows is no jump, nor is the rounding of a law that is brought to zero.
     limits = jnp.finfo(gaps.dtype)
     rounding = 64 * limits.eps * jnp.abs(side(0.75 * low[0])[1])
     change = jnp.abs(high[1] - low[1]) - 4 * limits.tiny - rounding
     change = change - 4 * steepest * (high[0] - low[0])
-    larger = jnp.maximum(scale[:, None], jnp.maximum(jnp.abs(low[1]), jnp.abs(high[1])))
-    size = jnp.nan_to_num(change / larger, nan=0, posinf=0)
-    most = jnp.arange(2), jnp.argmax(size, 1)
-    size = size[most]
-    return LawJump(high[0][most], low[1][most], high[1][most], size, jnp.all(size <= _SMALLEST))
+    size = change / jnp.maximum(scale[:, None], largest)
+    size = jnp.where(jnp.isfinite(size), size, 0)
+    sides = jnp.stack([high[0], low[1], high[1], size])
+    gap, below, above, size = sides[:, jnp.arange(2), jnp.argmax(size, 1)]
+    return LawJump(gap, below, above, size, jnp.all(size <= _SMALLEST))
 
 
 def _where_defined(law: Potential, gaps: Array) -> tuple[Array, ...]:
