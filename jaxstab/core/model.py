@@ -116,8 +116,7 @@ def onto_cone(field: Field, one_sided: Mask, is_moving: Mask) -> Field:
         left, number = left_over(shift)
         # Each set after the first step holds the next: as many points are the same ones.
         goes_on = (number < before) | ((count == 1) & (number > before))
-        shift += jnp.where(goes_on, left / jnp.maximum(number, 1), 0)
-        return shift, number, count + 1, goes_on
+        return shift + left / jnp.maximum(number, 1), number, count + 1, goes_on
 
     def climb_blindly(state: tuple[Array, ...]) -> tuple[Array, ...]:
         for _ in range(_BLIND_CLIMBS):

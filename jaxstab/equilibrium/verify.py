@@ -31,6 +31,6 @@ def recognised_by(balance: Balance, contact: Contact, equilibrium: Equilibrium) 
     is_own = (balance.residual <= 2 * equilibrium.residual + rounding) & is_met
     result = RESULTS.where(is_own, RESULTS.successful, RESULTS.other_contact)
     result = RESULTS.where(jnp.isfinite(balance.residual), result, RESULTS.nonfinite)
-    is_finite = jnp.isfinite(total(gap) + total(reaction) + total(pressure))
+    is_finite = jnp.isfinite(total(gap + reaction + pressure))
     is_found = (equilibrium.result == RESULTS.successful) & is_finite
     return RESULTS.where(is_found, result, RESULTS.no_equilibrium)

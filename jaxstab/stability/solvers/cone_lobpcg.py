@@ -196,11 +196,11 @@ class _Plane(eqx.Module):
         parts *= jnp.where(gram[0] @ parts < 0, -1, 1)
         # Combined products have no digits left where the basis reaches into stiff points, nor that
         # of a tiny difference.
-        lengths = jnp.sqrt(jnp.diagonal(gram))
-        move = lengths[-1]
-        is_tiny = (move > 0) & (move < jnp.sqrt(jnp.finfo(move.dtype).eps))
-        is_rough = is_tiny | jnp.any(jnp.sqrt(sums[-3:]) > operator.scale * lengths)
-        return cls(basis, products, gram, parts.at[1:].set(0), parts.at[0].set(0), is_rough)
+        move = gram[-1, -1]
+        is_tiny = (move > 0) & (move < jnp.finfo(move.dtype).eps)
+        is_rough = is_tiny | jnp.any(sums[-3:] > operator.scale**2 * jnp.diagonal(gram))
+        stays = parts * units[0]
+        return cls(basis, products, gram, stays, parts - stays, is_rough)
 
     def at(self, length: Scalar) -> Float[Array, " vectors"]:
         """Return the unit vector that goes a part of the way, in terms of the basis."""

@@ -8,7 +8,6 @@ from jaxtyping import Array, Bool, Float, Int, PyTree
 
 from jaxstab.core.control_flow import entry_of, on_platform, with_entry
 from jaxstab.core.loop import NO_LIMIT, Iteration, IterativeSolver
-from jaxstab.stability.ritz import norms
 from jaxstab.stability.solvers.base import Eigenproblem
 
 # The steps of each round, and the number of starts that go on to the next.
@@ -35,8 +34,10 @@ def multi_start(
     """
     if len(is_needed) == 1:
         # There is nothing to compete with.
-        found = _advanced(solver, problem, starts, jnp.where(is_needed, NO_LIMIT, 0))
-        return found, _ranks(problem, found, is_needed) == 0
+        only = jax.tree.map(lambda leaf: leaf[0], starts)
+        found = solver.resume(problem, only, jnp.where(is_needed[0], NO_LIMIT, 0))
+        found = jax.tree.map(lambda leaf: leaf[None], found)
+        return found, ~_is_out(found, is_needed)
     rounds = partial(_rounds, solver, problem)
 
     def narrowed(*starts: PyTree) -> tuple[Iteration, Array]:
@@ -60,16 +61,18 @@ def _rounds(
     lengths = jnp.array(_LENGTHS[part])
     num_kept = jnp.array(_NUM_KEPT[part])
 
-    def round_after(state: tuple[Array, Iteration, Array, Array]) -> tuple:
-        number, found, is_on, _ = state
+    def goes_on(state: tuple[Array, Iteration, Array]) -> Array:
+        number, _, is_on = state
+        return jnp.any(is_on) & (number < len(lengths))
+
+    def round_after(state: tuple[Array, Iteration, Array]) -> tuple:
+        number, found, is_on = state
         limits = jnp.where(is_on, entry_of(lengths, number), 0)
         found = _advanced(solver, problem, found, limits)
         wins = _ranks(problem, found, is_on) < entry_of(num_kept, number)
-        return number + 1, found, wins, jnp.any(wins) & (number + 1 < len(lengths))
+        return number + 1, found, wins
 
-    begin = jnp.array(0), starts, is_on, jnp.any(is_on)
-    _, found, wins, _ = jax.lax.while_loop(lambda state: state[3], round_after, begin)
-    return found, wins
+    return jax.lax.while_loop(goes_on, round_after, (jnp.array(0), starts, is_on))[1:]
 
 
 def _advanced(
@@ -97,22 +100,27 @@ def _ranks(
 ) -> Int[Array, " starts"]:
     """Return the rank of each start, from 0 for the lowest."""
     modes = found.state.point.mode
-    eigenvalues = found.state.point.eigenvalue
     axes = tuple(range(1, modes.ndim))
-    # Zero may be the nearest vector of the cone.
-    is_out = ~is_on | jnp.isnan(found.residual) | (norms(modes) == 0)
-    lowest = jnp.where(is_out, jnp.inf, eigenvalues)
-    order = _order(lowest)
+    is_out = _is_out(found, is_on)
+    lowest = jnp.where(is_out, jnp.inf, found.state.point.eigenvalue)
+    is_before = _is_before(lowest)
     is_alike = jnp.tensordot(modes, modes, (axes, axes)) > _SAME
-    is_copy = jnp.any((order[:, None] < order) & is_alike, axis=0)
+    is_copy = jnp.any(is_before & is_alike, axis=0)
     is_higher = lowest - problem.operator.scale * found.residual > jnp.min(lowest)
-    is_discarded = is_out | is_copy | is_higher
-    return jnp.where(is_discarded, _DISCARDED, _order(jnp.where(is_discarded, jnp.inf, lowest)))
+    is_kept = ~(is_out | is_copy | is_higher)
+    rank = jnp.sum(is_before & is_kept[:, None], axis=0)
+    return jnp.where(is_kept, rank, _DISCARDED)
 
 
-def _order(values: Float[Array, " starts"]) -> Int[Array, " starts"]:
-    """Return the number of values before each one, ties in the order they have."""
+def _is_out(found: Iteration, is_on: Bool[Array, " starts"]) -> Bool[Array, " starts"]:
+    """Return which starts are not on, or failed; zero may be the nearest vector of the cone."""
+    modes = found.state.point.mode
+    is_zero = jnp.all(modes == 0, axis=tuple(range(1, modes.ndim)))
+    return ~is_on | jnp.isnan(found.residual) | is_zero
+
+
+def _is_before(values: Float[Array, " starts"]) -> Bool[Array, "starts starts"]:
+    """Return whether the value of a row is before the one of a column, ties in their order."""
     places = jnp.arange(len(values))
     others = values[:, None]
-    is_before = (others < values) | ((others == values) & (places[:, None] < places))
-    return jnp.sum(is_before, axis=0)
+    return (others < values) | ((others == values) & (places[:, None] < places))
