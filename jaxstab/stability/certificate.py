@@ -18,10 +18,9 @@ from jaxstab.contact.hessian import Hessian, SymmetricOperator
 from jaxstab.core.compile import program
 from jaxstab.core.grid import total
 from jaxstab.core.types import Field, FieldMap, Mask, Scalar
-from jaxstab.stability.cones import AdmissibleCone
 from jaxstab.stability.eigenpair import measured
 from jaxstab.stability.lowest_pair import Lowest
-from jaxstab.stability.solvers.base import SpaceSolver
+from jaxstab.stability.solvers.base import ConeProblem, SpaceSolver
 
 # Soft waves are stiffened to these parts of the cone's eigenvalue, tried in turn.
 _SHARES = (0.5, 0.25)
@@ -49,9 +48,7 @@ class _Stiffened(SymmetricOperator):
 
 
 @program
-def certified(
-    solver: SpaceSolver, hessian: Hessian, cone: AdmissibleCone, found: Lowest, hull: Lowest
-) -> Lowest:
+def certified(solver: SpaceSolver, problem: ConeProblem, found: Lowest, hull: Lowest) -> Lowest:
     """Return the lowest pair found on a cone with a bound that no eigenvalue on it is below.
 
     The bound rests on the solver, which must not miss the lowest mode of a linear space; it is -inf
@@ -59,16 +56,17 @@ def certified(
     """
     eigenvalue = found.pair.eigenvalue
     starts = hull.modes
-    if _stiffened(hessian, cone, eigenvalue) is None:
+    space = problem.domain.hull
+    if _stiffened(problem, eigenvalue) is None:
         return found
     shares = jnp.array(_SHARES, eigenvalue.dtype)
 
     def seek(state: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
         number, best, cost = state
-        operator = _stiffened(hessian, cone, shares[number] * eigenvalue)
+        operator = _stiffened(problem, shares[number] * eigenvalue)
         assert operator is not None
-        minimum = solver.solve(operator, cone.hull, starts)
-        pair = measured(operator, cone.hull, minimum, minimum.vector[0]).with_proof(True)
+        minimum = solver.solve(operator, space, starts)
+        pair = measured(operator, space, minimum, minimum.vector[0]).with_proof(True)
         more = minimum.num_applications
         more += (more + len(starts)) // 2
         return number + 1, jnp.maximum(best, pair.bound), cost + more
@@ -81,22 +79,23 @@ def certified(
     return replace(found, pair=found.pair.with_proof(False, bound)).costing(cost)
 
 
-def _stiffened(hessian: Hessian, cone: AdmissibleCone, aim: Scalar) -> _Stiffened | None:
+def _stiffened(problem: ConeProblem, aim: Scalar) -> _Stiffened | None:
     """Return A - N, of which soft waves are as stiff as is aimed at; None if no N is known."""
-    restricted = hessian.restricted(cone.is_moving)
+    hessian = problem.operator
+    cone = problem.domain
     contact = cone.one_sided & cone.is_moving
     size = jnp.maximum(total(contact.astype(aim.dtype)), 1)
     adhesion = total(jnp.where(contact, hessian.curvature, 0)) / size
     level = aim - adhesion
-    deficit = restricted.solid.stiffness_deficit(level)
+    deficit = hessian.solid.stiffness_deficit(level)
     if deficit is None:
         return None
     lack, on_point = deficit
-    largest = restricted.bound + jnp.maximum(level, 0) + on_point * size
+    largest = hessian.bound + jnp.maximum(level, 0) + on_point * size
     return _Stiffened(
         bound=largest,
-        scale=restricted.scale,
-        hessian=restricted,
+        scale=hessian.scale,
+        hessian=hessian,
         lack=lack,
         on_point=on_point,
         one_sided=contact,

@@ -22,7 +22,7 @@ from jaxstab.core.types import Field, Flag, Mask, Scalar
 from jaxstab.stability.cones import AdmissibleCone
 from jaxstab.stability.eigenpair import Minimum, admissible_pair
 from jaxstab.stability.lowest_pair import Cost, Lowest, cone_starts
-from jaxstab.stability.solvers.base import Eigensolver, noise
+from jaxstab.stability.solvers.base import ConeProblem, Eigensolver, noise
 from jaxstab.stability.solvers.cone_lobpcg import ProjectedLOBPCG
 
 Solver = TypeVar("Solver", bound=Eigensolver)
@@ -44,14 +44,16 @@ def has_coarser(hessian: Hessian) -> bool:
 
 
 @program
-def coarser(hessian: Hessian, cone: AdmissibleCone) -> tuple[Hessian, AdmissibleCone]:
+def coarser(problem: ConeProblem) -> ConeProblem:
     """Return the problem on every other point, of those again, until few points are left."""
+    hessian = problem.operator
+    cone = problem.domain
     while hessian.solid.grid.size > _COARSE and (solid := hessian.solid.coarser()) is not None:
         is_moving = ~_majority(~cone.is_moving)
-        curvature = _mean_of_like(hessian.curvature, cone.one_sided | ~cone.is_moving)
+        curvature = _mean_of_like(hessian.curvature, cone)
         cone = AdmissibleCone(_majority(cone.one_sided) & is_moving, ~is_moving, cone.fixes_mean)
         hessian = Hessian(solid, curvature, hessian.stiffness)
-    return hessian, cone
+    return ConeProblem.of(hessian, cone)
 
 
 def roughly(solver: Solver, like: Field) -> Solver:
@@ -102,10 +104,10 @@ def start_from_hull(solver: ProjectedLOBPCG, cone: AdmissibleCone, hull: Lowest)
 
 @program
 def start_from_coarse(
-    hessian: Hessian, cone: AdmissibleCone, around: Minimum, coarse: Minimum, fine: Field
+    problem: ConeProblem, around: Minimum, coarse: Minimum, fine: Field
 ) -> ConeStart:
     """Return the mode of a coarser problem as the start on a cone, at the cost of two searches."""
-    eigenvalue, mode, _ = admissible_pair(hessian.restricted(cone.is_moving), cone, coarse.vector)
+    eigenvalue, mode, _ = admissible_pair(problem.operator, problem.domain, coarse.vector)
     no = jnp.array(False)
     cost = _cost_of(fine, around, coarse)
     return ConeStart(_refined(mode, fine), jnp.any(mode != 0), no, eigenvalue, cost)
@@ -113,11 +115,11 @@ def start_from_coarse(
 
 @program
 def mode_from(
-    solver: ProjectedLOBPCG, hessian: Hessian, cone: AdmissibleCone, start: ConeStart
+    solver: ProjectedLOBPCG, problem: ConeProblem, start: ConeStart
 ) -> tuple[Minimum, Flag]:
     """Return the mode on a cone that one start leads to, and whether that was the answer."""
-    restricted = hessian.restricted(cone.is_moving)
-    found = solver.solve(restricted, cone, start.vector[None], start.is_needed[None])
+    starts = start.vector[None]
+    found = solver.solve(problem.operator, problem.domain, starts, start.is_needed[None])
     return found, start.is_known
 
 
@@ -141,10 +143,12 @@ def _majority(mask: Mask) -> Bool[Array, " *coarse"]:
     return 2 * jnp.sum(cells, axis=0) >= len(cells)
 
 
-def _mean_of_like(field: Field, mask: Mask) -> Float[Array, " *coarse"]:
-    """Return the mean over the points of a cell that are in a mask, or out of it, as most are."""
-    like = _cells(mask) == _majority(mask)
-    return jnp.sum(jnp.where(like, _cells(field), 0), axis=0) / jnp.sum(like, axis=0)
+def _mean_of_like(field: Field, cone: AdmissibleCone) -> Float[Array, " *coarse"]:
+    """Return the mean over the points of a cell that move, and touch or do not touch as most do."""
+    touches = cone.one_sided | ~cone.is_moving
+    like = (_cells(touches) == _majority(touches)) & _cells(cone.is_moving)
+    count = jnp.maximum(jnp.sum(like, axis=0), 1)
+    return jnp.sum(jnp.where(like, _cells(field), 0), axis=0) / count
 
 
 def _refined(field: Float[Array, " *coarse"], fine: Field) -> Field:

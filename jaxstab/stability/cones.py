@@ -43,13 +43,25 @@ class AdmissibleCone(eqx.Module):
 
     Attributes:
         one_sided: where perturbations must not be negative.
-        held: where they must vanish, nowhere if None.
+        held: where they must vanish, out of that mask; nowhere if None.
         fixes_mean: whether they must have zero mean too, as under a prescribed mean gap.
+        is_trivial: whether zero is the only admissible perturbation, as in full contact at a mean
+            gap.
     """
 
     one_sided: Mask
-    held: Mask | None = None
-    fixes_mean: bool = eqx.field(static=True, default=True)
+    held: Mask | None
+    fixes_mean: bool = eqx.field(static=True)
+    is_trivial: Flag
+
+    def __init__(self, one_sided: Mask, held: Mask | None = None, fixes_mean: bool = True):
+        self.one_sided = one_sided
+        self.held = held
+        self.fixes_mean = fixes_mean
+        # Computed once, since the programs of a search ask for it. All one-sided points count as
+        # one: if the mean is fixed, they need another point to move against.
+        num_free = _count(self.is_moving & ~one_sided)
+        self.is_trivial = num_free + jnp.any(one_sided) <= fixes_mean
 
     @property
     def is_moving(self) -> Mask:
@@ -59,18 +71,17 @@ class AdmissibleCone(eqx.Module):
         return ~self.held
 
     @property
-    def is_trivial(self) -> Flag:
-        """Whether zero is the only admissible perturbation, as in full contact at a mean gap."""
-        num_moving = _count(self.is_moving)
-        num_free = _count(self.is_moving & ~self.one_sided)
-        if not self.fixes_mean:
-            return num_moving == 0
-        return (num_free == 0) | (num_moving == 1)
-
-    @property
     def hull(self) -> Subspace:
         """The smallest linear space around the cone."""
         return Subspace(self.is_moving, self.fixes_mean)
+
+    def opened(self, is_open: Flag) -> "AdmissibleCone":
+        """Return the cone, or if it is open the linear space around it.
+
+        Of a space with no other field than zero all projections are exactly zero.
+        """
+        changed = self.one_sided & ~is_open, self.is_trivial & ~is_open
+        return eqx.tree_at(lambda cone: (cone.one_sided, cone.is_trivial), self, changed)
 
     def face(self, field: Field) -> Subspace:
         """Return the smallest linear space of the cone's faces around one of its fields."""

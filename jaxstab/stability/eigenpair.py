@@ -118,18 +118,18 @@ def measured(
     )
 
 
-def lowered(pair: Eigenpair, other: Eigenpair) -> Eigenpair:
-    """Return a pair that is not above one on a smaller cone.
+def lowered(pair: Eigenpair, eigenvalue: Scalar, mode: Field) -> Eigenpair:
+    """Return a pair that is not above an eigenvalue on a smaller cone, given that and its mode.
 
-    If the other is lower by more than the pair's own error, the solver missed the smallest. The
-    pair gets the other's mode, and counts as stagnated.
+    If it is lower by more than the pair's own error, the solver missed the smallest. The pair gets
+    the other mode, and counts as stagnated.
     """
-    is_missed = other.eigenvalue < pair.eigenvalue - pair.error
+    is_missed = eigenvalue < pair.eigenvalue - pair.error
     failed = is_missed & (pair.result == RESULTS.successful)
     return replace(
         pair,
-        eigenvalue=jnp.where(other.eigenvalue < pair.eigenvalue, other.eigenvalue, pair.eigenvalue),
-        mode=jnp.where(is_missed, other.mode, pair.mode),
+        eigenvalue=jnp.where(eigenvalue < pair.eigenvalue, eigenvalue, pair.eigenvalue),
+        mode=jnp.where(is_missed, mode, pair.mode),
         residual=jnp.where(is_missed, jnp.inf, pair.residual),
         error=jnp.where(is_missed, jnp.inf, pair.error),
         proved=pair.proved & ~is_missed,

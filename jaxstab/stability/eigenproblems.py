@@ -6,13 +6,14 @@ from dataclasses import replace
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool
 
 from jaxstab.contact.contact import Contact
 from jaxstab.contact.hessian import Hessian
 from jaxstab.core import model
 from jaxstab.core.accuracy import rounding_of_fields
+from jaxstab.core.checks import array
 from jaxstab.core.compile import program
+from jaxstab.core.control_flow import choose
 from jaxstab.core.grid import total
 from jaxstab.core.results import RESULTS
 from jaxstab.core.types import Field, Flag, Mask, Scalar
@@ -24,6 +25,7 @@ from jaxstab.stability.cones import AdmissibleCone, Subspace
 from jaxstab.stability.eigenpair import Eigenpair, admissible_pair, lowered
 from jaxstab.stability.lowest_pair import cost_of, with_cost
 from jaxstab.stability.ritz import norms
+from jaxstab.stability.solvers.base import ConeProblem
 
 # How much more than estimated a gap may be off.
 _DOUBT = 10
@@ -33,18 +35,16 @@ class Eigenproblems(eqx.Module):
     """The eigenproblems of an equilibrium.
 
     Attributes:
-        hessian: A.
-        cone: V0+.
-        critical_cone: the critical cone.
+        cone: A on V0+, where all points may move.
+        critical_cone: A on the critical cone.
         nearly_touching: points that may be in contact, to within the error of the state.
         touches: whether the surfaces touch anywhere.
         is_weak: whether they do so anywhere without pressing beyond an error.
         is_doubtful: whether it is in doubt of any point that it touches or presses.
     """
 
-    hessian: Hessian
-    cone: AdmissibleCone
-    critical_cone: AdmissibleCone
+    cone: ConeProblem
+    critical_cone: ConeProblem
     nearly_touching: Mask
     touches: Flag
     is_weak: Flag
@@ -98,31 +98,31 @@ class Found(eqx.Module):
         cone: on V0+.
         critical: on the critical cone.
         hull: on the linear space around the critical cone.
-        is_proved: whether the verdict was proved before `critical` was known.
-        is_decided: whether the verdict was proved before `cone` was known.
     """
 
     lower_bound: Eigenpair
     cone: Eigenpair
     critical: Eigenpair
     hull: Eigenpair
-    is_proved: Bool[Array | np.ndarray, ""]
-    is_decided: Bool[Array | np.ndarray, ""]
+
+    def without(self, name: str) -> "Found":
+        """Return the same, with one of the pairs not computed."""
+        pair = getattr(self, name)
+        unknown = array(np.nan, pair.eigenvalue.dtype)
+        left_out = replace(pair, eigenvalue=unknown, result=RESULTS.not_computed)
+        return replace(self, **{name: left_out})
 
     def ordered(self) -> "Found":
-        """Return pairs of which none is above one on a smaller cone; NaN if not computed."""
-        critical = _unless(self.is_proved, with_cost(cost_of(self.hull), self.critical))
-        cone = lowered(_unless(self.is_decided, self.cone), critical)
-        lower_bound = lowered(lowered(self.lower_bound, cone), critical)
+        """Return pairs of which none is above one on a smaller cone."""
+        critical = with_cost(cost_of(self.hull), self.critical)
+        on_critical = critical.eigenvalue, critical.mode
+        cone = lowered(self.cone, *on_critical)
+        on_cone = cone.eigenvalue, cone.mode
+        # The one on V0+ is not above the critical one, but may be unknown.
+        lower_bound = lowered(
+            self.lower_bound, *choose(jnp.isnan(cone.eigenvalue), on_critical, on_cone)
+        )
         return replace(self, lower_bound=lower_bound, cone=cone, critical=critical)
-
-
-def _unless(is_left_out: Bool[Array | np.ndarray, ""], pair: Eigenpair) -> Eigenpair:
-    return replace(
-        pair,
-        eigenvalue=jnp.where(is_left_out, jnp.nan, pair.eigenvalue),
-        result=RESULTS.where(is_left_out, RESULTS.not_computed, pair.result),
-    )
 
 
 @program
@@ -135,20 +135,20 @@ def problems_of(contact: Contact, equilibrium: Equilibrium) -> tuple[Eigenproble
     result = recognised_by(balance, contact, equilibrium)
     is_found = result == RESULTS.successful
     in_contact &= is_found
-    curvature = jnp.where(is_found, balance.curvature, 0)
-    hessian = Hessian(contact.solid, curvature, control.stiffness)
     imbalance = jnp.sqrt(total(model.imbalance(balance.net, gap) ** 2))
     scale = pressure_scale(contact, gap, equilibrium.pressure)
     # The net pressure of a point may be wrong by this.
     error = imbalance + rounding_of_fields(gap.dtype) * scale
     weak = in_contact & (balance.net <= error)
-    nearly_touching = ~in_contact & (gap * hessian.solid.max_stiffness <= error)
+    nearly_touching = ~in_contact & (gap * contact.solid.max_stiffness <= error)
     # Where there is nothing to assess, nothing moves.
     nowhere = contact.grid.device_put(jnp.zeros_like(in_contact) | ~is_found)
+    v0 = AdmissibleCone(in_contact, nowhere, control.fixes_mean)
+    critical = AdmissibleCone(weak, nowhere | (in_contact & ~weak), control.fixes_mean)
+    hessian = Hessian(contact.solid, balance.curvature, control.stiffness, v0.is_moving)
     problems = Eigenproblems(
-        hessian=hessian,
-        cone=AdmissibleCone(in_contact, nowhere, control.fixes_mean),
-        critical_cone=AdmissibleCone(weak, nowhere | (in_contact & ~weak), control.fixes_mean),
+        cone=ConeProblem(hessian, v0),
+        critical_cone=ConeProblem.of(hessian, critical),
         nearly_touching=nearly_touching,
         touches=jnp.any(in_contact),
         is_weak=jnp.any(weak),
@@ -168,8 +168,8 @@ def covering_doubt(problems: Eigenproblems, found: Found) -> Found:
     too, which raises the quotient of the mode; and those that hardly press may be free, where the
     mode leaves a residual.
     """
-    hessian = problems.hessian
-    v0 = problems.cone
+    hessian = problems.cone.operator
+    v0 = problems.cone.domain
     near = problems.nearly_touching
     critical = found.critical
     hull = found.hull
@@ -179,8 +179,9 @@ def covering_doubt(problems: Eigenproblems, found: Found) -> Found:
     rise = _rise(above, critical.eigenvalue)
     fall = _rise(critical.eigenvalue, hull.eigenvalue - hull.error)
 
-    closed = replace(v0, one_sided=v0.one_sided | near)
-    opened = replace(v0, one_sided=v0.one_sided & ~problems.critical_cone.one_sided)
+    pressing = v0.one_sided & ~problems.critical_cone.domain.one_sided
+    closed = AdmissibleCone(v0.one_sided | near, v0.held, v0.fixes_mean)
+    opened = AdmissibleCone(pressing, v0.held, v0.fixes_mean)
     above, _, _ = admissible_pair(hessian, closed, cone.mode)
     _, _, residual = admissible_pair(hessian, opened, cone.mode)
     off = jnp.maximum(_rise(above, cone.eigenvalue), hessian.scale * residual)

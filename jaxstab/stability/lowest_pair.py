@@ -18,7 +18,14 @@ from jaxstab.core.types import Field, Flag
 from jaxstab.stability.cones import AdmissibleCone, Subspace
 from jaxstab.stability.eigenpair import Eigenpair, Minimum, measured
 from jaxstab.stability.ritz import norms
-from jaxstab.stability.solvers.base import BLOCK_SIZE, NUM_RANDOM, ConeSolver, SpaceSolver, noise
+from jaxstab.stability.solvers.base import (
+    BLOCK_SIZE,
+    NUM_RANDOM,
+    ConeProblem,
+    ConeSolver,
+    SpaceSolver,
+    noise,
+)
 
 # Starts on a cone, which of them are needed, and whether the first is the answer.
 ConeStarts = tuple[Block, Bool[Array, " starts"], Flag]
@@ -81,23 +88,20 @@ def random_starts(key: PRNGKeyArray, hessian: Hessian) -> Block:
 
 
 @program
-def modes_around(
-    solver: SpaceSolver, hessian: Hessian, cone: AdmissibleCone, starts: Block
-) -> tuple[Minimum, Block]:
+def modes_around(solver: SpaceSolver, problem: ConeProblem, starts: Block) -> tuple[Minimum, Block]:
     """Return the lowest mode on the linear space around a cone, and a block of the lowest ones.
 
     The first few of the starts are used.
     """
-    starts = hessian.solid.grid.device_put(starts[:BLOCK_SIZE])
-    found = solver.solve(hessian.restricted(cone.is_moving), cone.hull, starts)
+    starts = problem.operator.solid.grid.device_put(starts[:BLOCK_SIZE])
+    found = solver.solve(problem.operator, problem.domain.hull, starts)
     return replace(found, vector=found.vector[0]), found.vector
 
 
 @program
 def mode_on_cone(
     solver: ConeSolver,
-    hessian: Hessian,
-    cone: AdmissibleCone,
+    problem: ConeProblem,
     around: RESULTS,
     modes: Block,
     random: Block,
@@ -109,13 +113,13 @@ def mode_on_cone(
     """
     if before is not None:
         random = jnp.concatenate([before[None], random])
+    cone = problem.domain
     starts, is_needed, is_answer = cone_starts(solver, cone, around, modes, random)
-    return solver.solve(hessian.restricted(cone.is_moving), cone, starts, is_needed), is_answer
+    return solver.solve(problem.operator, cone, starts, is_needed), is_answer
 
 
 def lowest_of(
-    hessian: Hessian,
-    cone: AdmissibleCone,
+    problem: ConeProblem,
     found: Minimum,
     modes: Block,
     is_answer: Flag | None = None,
@@ -124,8 +128,7 @@ def lowest_of(
     """Return the lowest pair on a cone, or on the linear space around it, from the mode found.
 
     Arguments:
-        hessian: A.
-        cone: the cone.
+        problem: A, and the cone.
         found: the mode, as a solver has left it.
         modes: the lowest ones of the linear space.
         is_answer: whether none on the cone is lower; None for a mode of the linear space.
@@ -136,23 +139,21 @@ def lowest_of(
         is_answer = array(True)
     if before is None:
         before = array(0), array(0)
-    pair, sign = _pair_of(hessian, cone, found, before, array(is_space), is_answer)
+    pair, sign = _pair_of(problem, found, before, array(is_space), is_answer)
     return Lowest(pair, sign, modes)
 
 
 @program
 def _pair_of(
-    hessian: Hessian,
-    cone: AdmissibleCone,
+    problem: ConeProblem,
     found: Minimum,
     before: Cost,
     is_space: Flag,
     is_answer: Flag,
 ) -> tuple[Eigenpair, Int[Array, ""]]:
     """Return the eigenpair of a vector on a cone, or on the space around it, and its sign."""
-    restricted = hessian.restricted(cone.is_moving)
-    domain = replace(cone, one_sided=cone.one_sided & ~is_space)
-    pair = measured(restricted, domain, found, found.vector)
+    cone = problem.domain
+    pair = measured(problem.operator, cone.opened(is_space), found, found.vector)
     # In any other case a lower minimum may have been missed.
     pair = pair.with_proof(is_answer | cone.is_trivial)
     pair = with_cost(before, pair)
@@ -168,14 +169,13 @@ def cone_starts(
     On few points each contact point that lifts is one too. If the lowest mode converged and lies in
     the cone, it is the answer and the only start.
     """
-    starts = jnp.concatenate([modes[:2], -modes[:2], random])
-    signs = jnp.stack([modes[0], -modes[0]])
-    entering = norms(jnp.where(cone.one_sided, jnp.minimum(signs, 0), 0))
-    is_admissible = jnp.min(entering) <= solver.tolerance_in(entering.dtype)
+    on_contact = jnp.where(cone.one_sided, modes[0], 0)
+    entering, away = norms([jnp.minimum(on_contact, 0), jnp.maximum(on_contact, 0)])
+    is_admissible = jnp.minimum(entering, away) <= solver.tolerance_in(entering.dtype)
     is_answer = (around == RESULTS.successful) & is_admissible
-    lowest = jnp.where(is_answer, signs[jnp.argmin(entering)], starts[0])
+    lowest = jnp.where(is_answer & (away < entering), -modes[0], modes[0])
+    starts = jnp.concatenate([lowest[None], modes[1:2], -modes[:2], random])
     is_needed = ~is_answer | (jnp.arange(len(starts)) == 0)
-    starts = starts.at[0].set(lowest)
     size = cone.one_sided.size
     one_sided = cone.one_sided
     if size <= _FEW:

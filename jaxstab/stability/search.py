@@ -7,7 +7,6 @@ space.
 
 from jaxtyping import PRNGKeyArray
 
-from jaxstab.contact.hessian import Hessian
 from jaxstab.core.checks import concrete
 from jaxstab.core.control_flow import cond
 from jaxstab.core.progress import advance_if_known
@@ -23,7 +22,6 @@ from jaxstab.stability.coarse_start import (
     start_from_hull,
     starts_on_space,
 )
-from jaxstab.stability.cones import AdmissibleCone
 from jaxstab.stability.eigenproblems import Eigenproblems, Found, covering_doubt
 from jaxstab.stability.lowest_pair import (
     Lowest,
@@ -32,7 +30,7 @@ from jaxstab.stability.lowest_pair import (
     modes_around,
     random_starts,
 )
-from jaxstab.stability.solvers.base import ConeSolver, SpaceSolver
+from jaxstab.stability.solvers.base import ConeProblem, ConeSolver, SpaceSolver
 from jaxstab.stability.solvers.cone_lobpcg import ProjectedLOBPCG
 
 
@@ -48,75 +46,73 @@ def smallest_eigenpairs(
     The key is the random key of vectors to start from. With `verdict_only` the searches stop at a
     number that proves the verdict.
     """
-    hessian = problems.hessian
     touches = concrete(problems.touches)
     is_doubtful = concrete(problems.is_doubtful)
     stops_early = concrete(verdict_only)
     is_default = isinstance(solver, ProjectedLOBPCG)
     fast = solver
     if not is_default:
-        fast = ProjectedLOBPCG(solver.tolerance_in(hessian.curvature.dtype))
+        fast = ProjectedLOBPCG(solver.tolerance_in(problems.cone.operator.curvature.dtype))
 
     # All perturbations that the load allows: the linear space around the cone.
-    around = _lowest_on_hull(spaces, hessian, problems.cone, key)
+    around = _lowest_on_hull(spaces, problems.cone, key)
     advance_if_known(around)
     is_proved = stops_early & (concrete(around.sign) > 0)
 
     # The critical cone: a linear space, unless some point touches without pressing.
     is_open = touches & ~is_proved
-    cone = problems.critical_cone
+    problem = problems.critical_cone
     hull = cond(
-        is_open, lambda: _lowest_on_hull(spaces, hessian, cone, key), lambda: around.known_before()
+        is_open, lambda: _lowest_on_hull(spaces, problem, key), lambda: around.known_before()
     )
     is_weak = is_open & concrete(problems.is_weak)
-    critical = _lowest_on_cone(fast, spaces, hessian, cone, hull, key, is_weak)
+    critical = _lowest_on_cone(fast, spaces, problem, hull, key, is_weak)
     advance_if_known(critical)
     is_decided = is_proved | (stops_early & (concrete(critical.sign) < 0))
 
     # The cone V0+; a solver that the caller has chosen always runs.
     is_open = touches & ~is_decided
-    cone = problems.cone
+    problem = problems.cone
     is_needed = True
     if is_default:
         is_needed = is_open
-    lowest = _lowest_on_cone(solver, spaces, hessian, cone, around, key, is_needed)
+    lowest = _lowest_on_cone(solver, spaces, problem, around, key, is_needed)
 
     # A proof, if the eigenvalue on the cone is positive and none is known.
     lacks_proof = (concrete(lowest.sign) > 0) & (concrete(around.sign) <= 0)
     lacks_proof &= ~concrete(lowest.pair.proved) & ~is_doubtful
     is_needed = is_open & lacks_proof
-    proved = cond(
-        is_needed, lambda: certified(spaces, hessian, cone, lowest, around), lambda: lowest
-    )
+    proved = cond(is_needed, lambda: certified(spaces, problem, lowest, around), lambda: lowest)
     advance_if_known(proved)
 
-    found = Found(around.pair, proved.pair, critical.pair, hull.pair, is_proved, is_decided)
-    return cond(is_doubtful, lambda: covering_doubt(problems, found), lambda: found)
+    found = Found(around.pair, proved.pair, critical.pair, hull.pair)
+    covered = cond(is_doubtful, lambda: covering_doubt(problems, found), lambda: found)
+    left = cond(is_decided, lambda: covered.without("cone"), lambda: covered)
+    return cond(is_proved, lambda: left.without("critical"), lambda: left)
 
 
-def _lowest_on_hull(
-    spaces: SpaceSolver, hessian: Hessian, cone: AdmissibleCone, key: PRNGKeyArray
-) -> Lowest:
+def _lowest_on_hull(spaces: SpaceSolver, problem: ConeProblem, key: PRNGKeyArray) -> Lowest:
     """Return the lowest pair on the linear space around a cone.
 
     On a large grid the search begins with the modes of the coarser problem.
     """
+    hessian = problem.operator
     if not has_coarser(hessian):
-        found, modes = modes_around(spaces, hessian, cone, random_starts(key, hessian))
-        return lowest_of(hessian, cone, found, modes)
+        found, modes = modes_around(spaces, problem, random_starts(key, hessian))
+        return lowest_of(problem, found, modes)
     rough = roughly(spaces, hessian.curvature)
-    problem = coarser(hessian, cone)
-    coarse, modes = modes_around(rough, *problem, random_starts(key, problem[0]))
+    coarse_problem = coarser(problem)
+    random = random_starts(key, coarse_problem.operator)
+    coarse, modes = modes_around(rough, coarse_problem, random)
     starts, cost = starts_on_space(coarse, modes, key, hessian.curvature)
-    found, modes = modes_around(spaces, hessian, cone, starts)
-    return lowest_of(hessian, cone, found, modes, before=cost)
+    found, modes = modes_around(spaces, problem, starts)
+    return lowest_of(problem, found, modes, before=cost)
 
 
 def _lowest_on_cone(
     solver: ConeSolver,
     spaces: SpaceSolver,
-    hessian: Hessian,
-    cone: AdmissibleCone,
+    problem: ConeProblem,
     hull: Lowest,
     key: PRNGKeyArray,
     is_needed: ArrayLike,
@@ -124,9 +120,9 @@ def _lowest_on_cone(
     """Return the lowest pair on a cone, or where it is not needed the pair on its hull."""
 
     def search() -> Lowest:
-        if not (has_coarser(hessian) and isinstance(solver, ProjectedLOBPCG)):
-            return _from_all_starts(solver, hessian, cone, hull, key)
-        return _from_one_start(solver, spaces, hessian, cone, hull, key)
+        if not (has_coarser(problem.operator) and isinstance(solver, ProjectedLOBPCG)):
+            return _from_all_starts(solver, problem, hull, key)
+        return _from_one_start(solver, spaces, problem, hull, key)
 
     return cond(is_needed, search, lambda: hull.known_before())
 
@@ -134,8 +130,7 @@ def _lowest_on_cone(
 def _from_one_start(
     solver: ProjectedLOBPCG,
     spaces: SpaceSolver,
-    hessian: Hessian,
-    cone: AdmissibleCone,
+    problem: ConeProblem,
     hull: Lowest,
     key: PRNGKeyArray,
 ) -> Lowest:
@@ -144,36 +139,36 @@ def _from_one_start(
     It is sought from the lowest mode around the cone, if that is the answer, or from the mode of
     the coarser problem; and from all starts only where the pair does not agree with that problem.
     """
-    start = start_from_hull(solver, cone, hull)
+    start = start_from_hull(solver, problem.domain, hull)
     if not start.is_known:
-        problem = coarser(hessian, cone)
-        random = random_starts(key, problem[0])
-        around, modes = modes_around(roughly(spaces, hessian.curvature), *problem, random)
-        rough = roughly(solver, hessian.curvature)
-        coarse, _ = mode_on_cone(rough, *problem, around.result, modes, random)
-        start = start_from_coarse(*problem, around, coarse, hessian.curvature)
-    found, is_answer = mode_from(solver, hessian, cone, start)
-    first = lowest_of(hessian, cone, found, hull.modes, is_answer, start.cost)
+        fine = problem.operator.curvature
+        coarse_problem = coarser(problem)
+        random = random_starts(key, coarse_problem.operator)
+        around, modes = modes_around(roughly(spaces, fine), coarse_problem, random)
+        rough = roughly(solver, fine)
+        coarse, _ = mode_on_cone(rough, coarse_problem, around.result, modes, random)
+        start = start_from_coarse(coarse_problem, around, coarse, fine)
+    found, is_answer = mode_from(solver, problem, start)
+    first = lowest_of(problem, found, hull.modes, is_answer, start.cost)
     if is_trusted(start, first):
         return first
-    return _from_all_starts(solver, hessian, cone, hull, key, first)
+    return _from_all_starts(solver, problem, hull, key, first)
 
 
 def _from_all_starts(
     solver: ConeSolver,
-    hessian: Hessian,
-    cone: AdmissibleCone,
+    problem: ConeProblem,
     hull: Lowest,
     key: PRNGKeyArray,
     before: Lowest | None = None,
 ) -> Lowest:
     """Return the lowest pair on a cone, also from an earlier result if there is one."""
-    random = random_starts(key, hessian)
+    random = random_starts(key, problem.operator)
     mode = None
     cost = None
     if before is not None:
         mode = before.pair.mode
         cost = before.cost
     around = hull.pair.result
-    found, is_answer = mode_on_cone(solver, hessian, cone, around, hull.modes, random, mode)
-    return lowest_of(hessian, cone, found, hull.modes, is_answer, cost)
+    found, is_answer = mode_on_cone(solver, problem, around, hull.modes, random, mode)
+    return lowest_of(problem, found, hull.modes, is_answer, cost)

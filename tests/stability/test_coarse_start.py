@@ -11,6 +11,7 @@ import jaxstab as js
 from jaxstab.contact.hessian import Hessian
 from jaxstab.stability import coarse_start
 from jaxstab.stability.cones import AdmissibleCone
+from jaxstab.stability.solvers.base import ConeProblem
 
 
 @pytest.fixture
@@ -73,7 +74,7 @@ def test_all_starts_are_looked_at_only_where_the_coarser_mode_is_not_to_be_trust
     from_all_starts = search._from_all_starts
 
     def counted(*problem):
-        if problem[1].curvature.shape == contact.grid.shape:
+        if problem[1].operator.curvature.shape == contact.grid.shape:
             compared.append(problem)
         return from_all_starts(*problem)
 
@@ -92,7 +93,8 @@ def test_a_coarser_problem_without_a_mode_gives_no_start(small_is_large):
     grid = js.Grid(64)
     free = jnp.zeros(grid.shape, bool).at[::8, ::8].set(True)
     hessian = Hessian(js.HalfSpace(grid, 1.0), jnp.where(free, -40.0, 0.0))
-    cone, key = AdmissibleCone(~free), jax.random.key(0)
+    problem = ConeProblem.of(hessian, AdmissibleCone(~free))
+    key = jax.random.key(0)
     search = sys.modules["jaxstab.stability.search"]
     started = search.start_from_coarse
     starts = []
@@ -103,12 +105,11 @@ def test_a_coarser_problem_without_a_mode_gives_no_start(small_is_large):
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(search, "start_from_coarse", kept)
-        hull = search._lowest_on_hull(js.Davidson(), hessian, cone, key)
-        problem = hessian, cone, hull, key
-        lowest = search._from_one_start(js.ProjectedLOBPCG(), js.Davidson(), *problem)
+        hull = search._lowest_on_hull(js.Davidson(), problem, key)
+        lowest = search._from_one_start(js.ProjectedLOBPCG(), js.Davidson(), problem, hull, key)
     np.testing.assert_array_equal(starts[0].vector, 0)
     # Then all starts are looked at.
-    expected = search._from_all_starts(js.ProjectedLOBPCG(), *problem)
+    expected = search._from_all_starts(js.ProjectedLOBPCG(), problem, hull, key)
     np.testing.assert_allclose(lowest.pair.eigenvalue, expected.pair.eigenvalue, rtol=1e-9)
 
 
@@ -144,7 +145,7 @@ def test_a_problem_is_made_coarser_until_few_points_are_left(monkeypatch):
     touches = jnp.zeros((16, 8), bool).at[:4, :4].set(True)
     solid = js.HalfSpace(js.Grid((16, 8)), 1.0)
     hessian = Hessian(solid, jnp.where(touches, -4.0, -1.0))
-    coarse, cone = coarse_start.coarser(hessian, AdmissibleCone(touches))
-    assert coarse.solid.grid.shape == (8, 4)
-    np.testing.assert_array_equal(cone.one_sided, touches[::2, ::2])
-    np.testing.assert_array_equal(coarse.curvature, hessian.curvature[::2, ::2])
+    coarse = coarse_start.coarser(ConeProblem.of(hessian, AdmissibleCone(touches)))
+    assert coarse.operator.solid.grid.shape == (8, 4)
+    np.testing.assert_array_equal(coarse.domain.one_sided, touches[::2, ::2])
+    np.testing.assert_array_equal(coarse.operator.curvature, hessian.curvature[::2, ::2])

@@ -15,7 +15,7 @@ from jaxstab.contact.hessian import Hessian, SymmetricOperator
 from jaxstab.stability.cones import AdmissibleCone, Subspace
 from jaxstab.stability.eigenpair import measured
 from jaxstab.stability.lowest_pair import cone_starts, mode_on_cone
-from jaxstab.stability.solvers.base import noise
+from jaxstab.stability.solvers.base import ConeProblem, noise
 from jaxstab.stability.solvers.davidson import _Span
 from jaxstab.stability.solvers.multi_start import _is_before
 
@@ -273,8 +273,9 @@ def test_where_the_lowest_mode_lies_in_the_cone_it_is_the_answer(sign):
     assert cone.one_sided.sum() > 2
     random = jax.random.normal(jax.random.key(0), (2, 4, 4))
     solver = js.ProjectedLOBPCG()
+    problem = ConeProblem.of(hessian, cone)
     found, is_answer = mode_on_cone(
-        solver, hessian, cone, js.RESULTS.successful, jnp.asarray(modes), random
+        solver, problem, js.RESULTS.successful, jnp.asarray(modes), random
     )
     assert is_answer
     pair = measured(hessian, cone, found, found.vector)

@@ -1,12 +1,12 @@
 """The interface of solvers for smallest eigenvalues."""
 
-from typing import Any
+from typing import Any, Self
 
 import equinox as eqx
 import jax
 from jaxtyping import Array, Bool, PRNGKeyArray
 
-from jaxstab.contact.hessian import Block, SymmetricOperator
+from jaxstab.contact.hessian import Block, Hessian, SymmetricOperator
 from jaxstab.core.display import inline
 from jaxstab.core.loop import Iteration, IterativeSolver
 from jaxstab.core.types import Field
@@ -30,6 +30,23 @@ class Eigenproblem(eqx.Module):
 
     operator: SymmetricOperator
     domain: Any
+
+
+class ConeProblem(eqx.Module):
+    """The Hessian of an equilibrium on the points that may move, and a cone of perturbations there.
+
+    Attributes:
+        operator: A, restricted to those points.
+        domain: the cone.
+    """
+
+    operator: Hessian
+    domain: AdmissibleCone
+
+    @classmethod
+    def of(cls, hessian: Hessian, cone: AdmissibleCone) -> Self:
+        """Return the problem of a Hessian on a cone."""
+        return cls(hessian.restricted(cone.is_moving), cone)
 
 
 class ModesProblem(Eigenproblem):
