@@ -6,20 +6,17 @@ import numpy as np
 from jax.scipy.special import betainc
 from jaxtyping import Array, Float
 
-from jaxstab.calibration.least_squares import Curve, Measured
+from jaxstab.calibration.least_squares import FARTHEST, Curve, Measured
+from jaxstab.core.accuracy import NEGLIGIBLE
 from jaxstab.core.types import ArrayLike, Scalar
 from jaxstab.core.warn import warn
 
 # The chance of a normal error, or of a lower misfit by chance, below which a warning is given.
 _CHANCE = 1e-4
-# A misfit below this fraction of the measurements is rounding.
-_SMALLEST = 1e-5
 # A measurement is an outlier if leaving it out takes this part of the sum of squares away.
 _MOST = 0.9
-# Pressures of the guess below this part of those measured say that loads are in other units.
-_FAINT = 1e-3
-# A misfit is a drift if this would remove such a part of the sum of squares.
-_DRIFT = 0.5
+# A drift, an offset or a baseline is named if it would remove such a part of the sum of squares.
+_REMOVED = 0.5
 # A misfit that exceeds the noise so many times is that of the contact.
 _ABOVE_NOISE = 2.0
 # Above this misfit a warning is given if the guess's curve runs the other way.
@@ -71,7 +68,7 @@ def warn_of_misfit(measured: Measured, fitted: Curve, count: int, hints: Hints) 
     if not missing or freedom < 1:
         return
     chance = betainc(freedom / 2, len(missing) / 2, 1 - hints.drop)
-    if chance < _CHANCE and hints.drop > 0.5:
+    if chance < _CHANCE and hints.drop > _REMOVED:
         offset, baseline = hints.zeros
         said = {
             "offset": f"the loads had an offset of about {offset:.3g}",
@@ -107,7 +104,8 @@ def wrong_sign(measured: Measured, guess: Curve) -> str:
     weights = np.where(np.isfinite(guess), weights, 0)
     known = np.where(weights > 0, guess, 0)
     largest = np.max(np.abs(np.where(weights > 0, pressure, 0)))
-    if np.max(np.abs(known)) < _FAINT * largest:
+    # No fit makes up for such a factor.
+    if FARTHEST * np.max(np.abs(known)) < largest:
         return (
             "loads or forces in other units than those of the contact: at these loads the "
             f"pressures of the guess are at most {float(np.max(np.abs(known)) / largest):.1g} of "
@@ -130,7 +128,7 @@ def wrong_sign(measured: Measured, guess: Curve) -> str:
 def drift_of(hints: Hints, freedom: int) -> str:
     """Return a sentence on a drift of the measurements, empty if chance explains what they show."""
     drift = float(hints.drift)
-    if freedom < 1 or not drift > _DRIFT or betainc(freedom / 2, 0.5, 1 - drift) > _CHANCE:
+    if freedom < 1 or not drift > _REMOVED or betainc(freedom / 2, 0.5, 1 - drift) > _CHANCE:
         return ""
     return (
         f"the sum of squares would fall by {drift:.0%} if the measurements drifted steadily from "
@@ -146,7 +144,8 @@ def _misfit(measured: Measured, fitted: Curve) -> np.ndarray:
 
 def _is_exact(measured: Measured, fitted: Curve) -> bool:
     misfit = np.linalg.norm(_misfit(measured, fitted))
-    return bool(misfit < _SMALLEST * np.linalg.norm(measured.deviation))
+    negligible = NEGLIGIBLE[fitted.dtype.name]
+    return bool(misfit < negligible * np.linalg.norm(measured.deviation))
 
 
 def outlier_of(measured: Measured, fitted: Curve, count: int, relief: Curve | None = None) -> str:

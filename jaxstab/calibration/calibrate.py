@@ -17,6 +17,7 @@ from jaxstab.calibration.advice import (
     wrong_sign,
 )
 from jaxstab.calibration.least_squares import (
+    FARTHEST,
     Curve,
     Evaluation,
     FitProblem,
@@ -55,9 +56,6 @@ from jaxstab.loads import Load, MeanPressure, require_load
 
 # A fit with a larger loss does not describe the measurements; a zero curve has a loss of 1/2.
 _LARGEST_LOSS = 0.25
-# A parameter is at its bound if its logarithm is so far from its start, or its error so large.
-_BOUND = np.log(1e3)
-_LARGEST_ERROR = 10.0
 # Rounding of a mean, over the norm and the number of measurements.
 _ROUNDING = np.finfo(float).eps
 
@@ -463,7 +461,8 @@ def _is_unfit(plan: Plan, best: Evaluation, errors: _Errors) -> Flag:
     constant = replace(problem.measured, has_baseline=True).deviation
     remains = jnp.sum(constant**2) / jnp.sum(problem.measured.deviation**2) / 2
     is_far = best.loss > jnp.minimum(_LARGEST_LOSS, remains)
-    is_at_bound = (jnp.abs(best.free) > _BOUND) | ~(errors.relative < _LARGEST_ERROR)
+    bound = np.log(FARTHEST)
+    is_at_bound = (jnp.abs(best.free) > bound) | ~(errors.relative < bound)
     is_known = jnp.all(jnp.isfinite(jnp.where(is_fitted, errors.standard, 0)))
     return is_far | jnp.any(is_at_bound & problem.is_log & is_fitted) | ~is_known
 

@@ -7,10 +7,11 @@ from typing import NamedTuple
 import numpy as np
 
 from jaxstab.calibration.advice import FitWarning
+from jaxstab.calibration.least_squares import FARTHEST
 from jaxstab.calibration.measured_curve import Parts, columns_of
 from jaxstab.contact import Contact
 from jaxstab.contact.resolution import FOR_STATES, resolved_range
-from jaxstab.core.accuracy import ROUGH
+from jaxstab.core.accuracy import ROUGH, SIGNIFICANT
 from jaxstab.core.checks import (
     integer,
     positive_scalar,
@@ -25,7 +26,6 @@ from jaxstab.core.types import ArrayLike
 from jaxstab.core.units import LENGTHS, PRESSURES, shown_unit
 from jaxstab.core.warn import warn
 from jaxstab.force_curves import ForceCurve
-from jaxstab.force_curves.segment import SIGNIFICANT
 from jaxstab.potentials import Exponential, NoAdhesion, Potential
 from jaxstab.references import jkr, maugis, regime
 from jaxstab.solids import FreeHalfSpace
@@ -35,12 +35,8 @@ from jaxstab.surfaces import paraboloid
 _TABOR = (0.1, 1.0, 5.0)
 # The standard deviation of its logarithm before the curve is known: a factor of three.
 _PRIOR = np.log(3.0)
-# Logarithms of modulus, work and range stay so near their start.
-_FARTHEST = np.log(1e3)
 # The points of the closed form, with and without contact.
 _POINTS = 300
-# Of a curve without attraction the contact begins near this part of its largest force.
-_BEGIN = 0.1
 # The tip ends where its undeformed gap is so many ranges at the deepest position.
 _RANGES = 5.0
 # A tip is not lighter than water [kg/m^3], and on the earth [m/s^2].
@@ -224,7 +220,7 @@ def _fitted(
     modulus = 0.75 * (deepest + attraction) / np.sqrt(radius * depth**3)
     work = attraction / (1.75 * np.pi * radius)
     unit = float(jkr.units(radius, modulus, work).displacement)
-    reach = np.array([_FARTHEST] * 3 + [np.ptp(indentation) / unit])
+    reach = np.array([np.log(FARTHEST)] * 3 + [np.ptp(indentation) / unit])
 
     def misfit(values: np.ndarray, start: _Sphere) -> np.ndarray:
         sphere = start.changed(values, unit)
@@ -254,7 +250,7 @@ def _without_attraction(
     from scipy.optimize import least_squares
 
     deepest = np.max(force)
-    begin = np.max(indentation[force < _BEGIN * deepest])
+    begin = np.max(indentation[roots * force < SIGNIFICANT])
     unit = np.max(indentation) - begin
     modulus = 0.75 * deepest / np.sqrt(radius * unit**3)
 

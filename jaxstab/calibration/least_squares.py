@@ -9,6 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
+from jaxstab.core.accuracy import NEGLIGIBLE
 from jaxstab.core.checks import parameter, require, require_finite
 from jaxstab.core.results import RESULTS
 from jaxstab.core.types import ArrayLike, Flag, Scalar
@@ -33,8 +34,8 @@ _LONGEST = 1.0
 # times.
 _LAGS = 3
 _CHANCES = 3.0
-# A parameter is determined if this part of it lies in the row space of the Jacobian.
-_SEEN = 0.999
+# A positive parameter stays within this factor of its start.
+FARTHEST = 1e3
 
 
 class Measured(eqx.Module):
@@ -197,7 +198,8 @@ def directions(
     damped = sizes / (sizes**2 + jnp.where(sizes > 0, damping, 1))
     spread = axes.T * inverse / scale[:, None]
     # A variable that the curve does not determine has an infinite error.
-    is_seen = jnp.sum(jnp.where(is_there[:, None], axes, 0) ** 2, axis=0) > _SEEN
+    unseen = 1 - jnp.sum(jnp.where(is_there[:, None], axes, 0) ** 2, axis=0)
+    is_seen = unseen < NEGLIGIBLE[axes.dtype.name]
     missing = jnp.where(is_seen | held, 0, jnp.inf)
     covariance = problem.variance(point, held) * (spread @ spread.T) + jnp.diag(missing)
     step = axes.T @ (damped * along) / scale

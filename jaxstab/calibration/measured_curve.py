@@ -6,11 +6,12 @@ import numpy as np
 
 from jaxstab.calibration.zeros import Zeros
 from jaxstab.contact import Contact
+from jaxstab.core.accuracy import SIGNIFICANT
 from jaxstab.core.checks import array, in_words, integer, require, require_one_of
 from jaxstab.core.units import LENGTHS, PRESSURES
 from jaxstab.force_curves import Baseline, ForceCurve, Segment
 from jaxstab.force_curves.correction import Correction, clocks_of, ends_of
-from jaxstab.force_curves.segment import SIGNIFICANT, block_means, size_of_blocks
+from jaxstab.force_curves.segment import block_means, size_of_blocks
 from jaxstab.loads import FarDisplacement, Load, Spring
 
 Parts = Literal["approach", "retraction", "both"]

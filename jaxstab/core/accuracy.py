@@ -17,6 +17,8 @@ ALONG_CURVES = {"float64": 1e-5, "float32": 1e-4}
 ROUGH = 1e-4
 # The part of a quantity below which it counts as zero, and two states as one.
 NEGLIGIBLE = {"float64": 1e-6, "float32": 1e-3}
+# A measured number is told from noise if it exceeds its standard error so many times.
+SIGNIFICANT = 5.0
 # The relative error of a few operations on numbers, and of those on fields, in units of precision.
 _OF_NUMBERS = 16
 _OF_FIELDS = 1e3

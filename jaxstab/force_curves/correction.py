@@ -6,9 +6,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from jaxstab.core.accuracy import SIGNIFICANT
 from jaxstab.core.units import typeset
 from jaxstab.force_curves.segment import (
-    SIGNIFICANT,
     Segment,
     block_means,
     scaled,

@@ -6,11 +6,12 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
+from jaxstab.core.accuracy import SIGNIFICANT
 from jaxstab.core.checks import require_one_of
 from jaxstab.core.optional_packages import require_packages
 from jaxstab.core.units import FORCES, LENGTHS, symbol_of, typeset, unit_of
 from jaxstab.force_curves.correction import Correction, correct
-from jaxstab.force_curves.segment import SIGNIFICANT, Segment, scaled, tip_from_height
+from jaxstab.force_curves.segment import Segment, scaled, tip_from_height
 
 # Xarray is imported where it is used, since its import is slow.
 if TYPE_CHECKING:

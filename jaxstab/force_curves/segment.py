@@ -7,8 +7,6 @@ import numpy as np
 
 Value = TypeVar("Value", float, np.ndarray)
 
-# A force is told from noise if it exceeds its standard error so many times.
-SIGNIFICANT = 5.0
 # Forces are sought in means over so many blocks of points.
 _BLOCKS = 200
 _NO_SPRING = (
