@@ -139,10 +139,10 @@ def calibrate(
             of the potential and Young's modulus.
         order: as in `sweep`: "continuation" starts each load from the one before, as a
             measurement does; "independent" starts all alike, without hysteresis.
-        starts: how many starts: the contact's own parameters, others within a factor of two of
-            them, and as many near the best fit so far. The best fit wins. By default as many as
-            it takes until one converges, up to 8. If the first ends far from the measurements, and
-            the guess has another sign or unit, no others are made.
+        starts: how many starts: the contact's own parameters, and others within a factor of two of
+            them. The best fit wins. By default as many as it takes until one converges, up to 5. If
+            the first ends far from the measurements, and the guess has another sign or unit, no
+            others are made.
         tolerance: the relative change of every parameter, that a step of Gauss and Newton's method
             would make, to reach; by default a hundredth of its standard error, and at least 1e-6.
             For a parameter that does not start positive, the change is relative to one that would

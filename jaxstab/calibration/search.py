@@ -19,21 +19,20 @@ from jaxstab.calibration.least_squares import (
     directions,
     minimise,
 )
+from jaxstab.core.accuracy import SIGNIFICANT
 from jaxstab.core.control_flow import choose, zeros_of
 from jaxstab.core.results import RESULTS
 from jaxstab.core.types import ArrayLike, Flag, Scalar
 
-MOST = 8
-# Logarithms: a factor of two around the first start, and nearer to the best fit so far.
+MOST = 5
+# The largest logarithm of the other starts over the first: a factor of two.
 _FAR = 0.7
-_NEAR = 0.2
-_NEAREST = 0.02
 # Fits agree on the least misfit within this fraction of it.
 _AGREEMENT = 0.25
-# Logarithms of the profile on each side up to a factor of four, beyond one and 2.5 standard errors:
-# points that detach one by one make minima beside each other.
-_DISTANCES = np.arange(1, 8) / 5
-_ON_A_SIDE = 2 + len(_DISTANCES)
+# The places of the profile on a side: one and 2.5 standard errors away, then in steps of the
+# logarithm to a factor of four, since points that detach one by one make minima beside each other.
+_ON_A_SIDE = 9
+_DISTANCE = 0.2
 _IN_PROFILE = 2 * _ON_A_SIDE
 # A few steps are enough for the other parameters, which start from the profile's value before.
 _PROFILE_STEPS = 4
@@ -42,8 +41,6 @@ _WORTH = 4.0
 # Minima are distinct if a standard error apart, within these limits.
 _SAME = 1e-3
 _APART = 0.05
-# Values of the profile up to so many standard errors away may raise the errors.
-_MOST_ERRORS = 5.0
 
 
 class Fits(eqx.Module):
@@ -122,10 +119,9 @@ class Search(eqx.Module):
         """How the best fit ended.
 
         The least misfit of a curve with jumps may lie at a jump, where no method converges. It is
-        accepted if two fits agree on it, and neither started at the other's end.
+        accepted if two fits agree on it.
         """
-        far = self.starts[: _num_far(self.num_starts)]
-        losses = jnp.concatenate([far.losses, self.refits.losses])
+        losses = jnp.concatenate([self.starts.losses, self.refits.losses])
         num_agreeing = jnp.sum(losses <= (1 + _AGREEMENT) * self.best.point.loss)
         is_confirmed = (self.best.result == RESULTS.stagnated) & (num_agreeing > 1)
         return RESULTS.where(is_confirmed, RESULTS.successful, self.best.result)
@@ -155,7 +151,7 @@ class Search(eqx.Module):
         rise = jnp.maximum(2 * (self.profile.losses - self.best.point.loss) / variance, 1)
         values = jax.vmap(problem.values)(self.profile.free)
         away = jnp.abs(values - problem.values(self.best.point.free)) / jnp.sqrt(rise)[:, None]
-        away = jnp.where((rise < _MOST_ERRORS**2)[:, None], away, 0)
+        away = jnp.where((rise < SIGNIFICANT**2)[:, None], away, 0)
         return jnp.maximum(errors, jnp.max(away, axis=0))
 
 
@@ -172,8 +168,8 @@ class Trial(NamedTuple):
 class Plan:
     """The fits to make, for the least misfit.
 
-    1. Fit from several starts, half of them around zero, the others around the best fit so far; by
-       default starts are added until one converges, up to `MOST`.
+    1. Fit from several starts around zero; by default starts are added until one converges, up to
+       `MOST`.
     2. Along a profile, hold the weakest parameter at values around its fit, and fit the others.
     3. From each minimum of the profile, fit all parameters again.
 
@@ -238,19 +234,20 @@ class Plan:
         return choose(is_start, self._centred(so_far), so_far)
 
     def _from_start(self, place: Array, so_far: Search) -> Trial:
-        """Return a fit from a start: around zero, or around the best fit so far."""
+        """Return a fit from a start around zero."""
         count = so_far.num_starts
         moves = _moves(count, self.held.size) * (self.problem.is_log & ~self.held)
-        near = jnp.where(place < _num_far(count), 0, so_far.best.point.free)
         ended = so_far.best.result
         is_needed = (place == 0) | (ended == RESULTS.stagnated) | (ended == RESULTS.nonfinite)
         is_needed |= self.starts is not None
-        return Trial(moves[place] + near, self.held, self.max_steps, is_needed)
+        return Trial(moves[place], self.held, self.max_steps, is_needed)
 
     def _along_profile(self, place: Array, so_far: Search) -> Trial:
         """Return a fit of the other variables, from the fit beside it, nearer to the centre."""
         near = so_far.resolution
-        reach = jnp.concatenate([jnp.stack([near, 2.5 * near]), _DISTANCES])
+        reach = jnp.concatenate(
+            [jnp.stack([near, 2.5 * near]), _DISTANCE * jnp.arange(1, _ON_A_SIDE - 1)]
+        )
         offset = jnp.concatenate([-reach, reach])[place]
         is_nearest = (place == 0) | (place == _ON_A_SIDE)
         start = jnp.where(is_nearest, so_far.centre, so_far.profile.free[place - 1])
@@ -282,10 +279,9 @@ def _has_ended(result: RESULTS) -> Flag:
 
 
 def _moves(limit: int, count: int) -> Float[Array, "starts parameters"]:
-    reaches = np.geomspace(_NEAR, _NEAREST, limit)
-    reaches[: _num_far(limit)] = _FAR
-    reaches[0] = 0
-    return jnp.asarray(reaches[:, None] * np.random.default_rng(0).uniform(-1, 1, (limit, count)))
+    moves = _FAR * np.random.default_rng(0).uniform(-1, 1, (limit, count))
+    moves[0] = 0
+    return jnp.asarray(moves)
 
 
 def _minima(so_far: Search) -> Array:
@@ -298,7 +294,3 @@ def _minima(so_far: Search) -> Array:
     is_low = (inner <= losses[:-2]) & (inner <= losses[2:])
     is_low &= inner < _WORTH * so_far.best.point.loss
     return jnp.concatenate([is_low[:_ON_A_SIDE][::-1], is_low[_ON_A_SIDE + 1 :]])
-
-
-def _num_far(number: int) -> int:
-    return number // 2 + 1
