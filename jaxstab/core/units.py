@@ -24,8 +24,21 @@ from jaxstab.core.compile import own_conventions
 from jaxstab.core.equality import Comparable
 from jaxstab.core.types import Scalar
 
-LENGTHS = {"km": 3, "m": 0, "mm": -3, "µm": -6, "nm": -9, "Å": -10, "pm": -12}
-PRESSURES = {"Pa": 0, "kPa": 3, "MPa": 6, "GPa": 9, "TPa": 12}
+_PREFIXES = dict(
+    zip(range(-18, 13, 3), ["a", "f", "p", "n", "µ", "m", "", "k", "M", "G", "T"], strict=True)
+)
+
+
+def with_prefixes(unit: str, *prefixes: str) -> dict[str, int]:
+    """Return a unit with some prefixes, or all, and the power of ten of each."""
+    powers = {prefix: power for power, prefix in _PREFIXES.items()}
+    return {f"{prefix}{unit}": powers[prefix] for prefix in prefixes or powers}
+
+
+LENGTHS = with_prefixes("m", "k", "", "m", "µ", "n") | {"Å": -10} | with_prefixes("m", "p")
+PRESSURES = with_prefixes("Pa", "", "k", "M", "G", "T")
+FORCES = with_prefixes("N")
+_ENERGIES = with_prefixes("J")
 # Words and spellings of other programs.
 _WORDS = {"kilo": "km", "": "m", "milli": "mm", "micro": "µm", "nano": "nm", "pico": "pm"}
 _NAMES = {
@@ -38,11 +51,6 @@ _NAMES |= dict.fromkeys(("micron", "microns"), "µm")
 _NAMES |= dict.fromkeys(("angstrom", "angstroms", "ångström", "ångströms", "ang"), "Å")
 # Micro is written as a Greek letter, as a sign, or as u; the angstrom as a letter or a sign.
 _SPELLINGS = {"um": "µm", "\u03bcm": "µm", "A": "Å", "\u212b": "Å"}
-_PREFIXES = dict(
-    zip(range(-18, 13, 3), ["a", "f", "p", "n", "µ", "m", "", "k", "M", "G", "T"], strict=True)
-)
-FORCES = {f"{prefix}N": power for power, prefix in _PREFIXES.items()}
-_ENERGIES = {f"{prefix}J": power for power, prefix in _PREFIXES.items()}
 # SI units, with the powers of pressure and length that they are products of.
 _SI = {
     "energy": ("J", 1, 3),

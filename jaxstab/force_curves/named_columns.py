@@ -7,11 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from jaxstab.core.units import FORCES, LENGTHS, unit_of
+from jaxstab.core.units import FORCES, LENGTHS, unit_of, with_prefixes
 from jaxstab.force_curves.recording import Recording
 
-_TIMES = {"s": 0, "ms": -3, "µs": -6, "us": -6, "ns": -9}
-_VOLTAGES = {"V": 0, "mV": -3, "kV": 3}
+_TIMES = with_prefixes("s", "", "m", "µ", "n")
+_VOLTAGES = with_prefixes("V", "", "m", "k")
 # Names of columns, as programs write them, and the kinds of their quantities.
 _NAMES = {
     "force": "force",
