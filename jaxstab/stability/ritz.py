@@ -23,8 +23,10 @@ def inner_products(block: Block, *fields: Field) -> Float[Array, "fields block"]
 
 
 def combination(parts: Float[Array, " block"], block: Block | Sequence[Field]) -> Field:
-    """Return a linear combination of the vectors of a block."""
-    return reduce(jnp.add, (part * vector for part, vector in zip(parts, block, strict=True)))
+    """Return a linear combination of the vectors of a block, or of a few fields."""
+    if isinstance(block, Sequence):
+        return reduce(jnp.add, (part * field for part, field in zip(parts, block, strict=True)))
+    return jnp.tensordot(parts, block, 1, precision="highest")
 
 
 def combinations(parts: Float[Array, "block count"], *blocks: Block) -> tuple[Block, ...]:

@@ -79,7 +79,7 @@ class _Span(eqx.Module):
         return _Span(basis, products, gram, energies, axes)
 
     def _apart_from(self, vector: Field) -> Field:
-        (overlaps,) = inner_products(self.basis, vector)
+        overlaps = jnp.tensordot(self.basis, vector, vector.ndim, precision="highest")
         square = total(vector**2)
         rest = vector - combination(overlaps, self.basis)
         # None, where the rest is little more than rounding.
