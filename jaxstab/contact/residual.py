@@ -7,7 +7,7 @@ import jax.numpy as jnp
 
 from jaxstab.core import model
 from jaxstab.core.accuracy import EQUILIBRIUM
-from jaxstab.core.grid import totals
+from jaxstab.core.grid import mean, totals
 from jaxstab.core.types import Field, Flag, Scalar
 from jaxstab.loads.load import Control
 from jaxstab.potentials.evaluation import derivatives
@@ -83,14 +83,14 @@ def balance_of(
         # On a core stiffer than any wave, a point is as far off as its own stiffness says, unless
         # that is beyond all numbers.
         share = jnp.where(curvature == jnp.inf, 1, stiffest / jnp.maximum(curvature, stiffest))
-        squares = elastic**2 + (share * resisting) ** 2, (share * imbalance) ** 2
-        scale, residual = jnp.sqrt(totals(squares) / gap.size)
-        scale = jnp.maximum(scale, smallest_scale)
-        sums = totals([displacement * elastic, density, gap, gap**2])
+        squares = elastic**2 + (share * resisting) ** 2, (share * imbalance) ** 2, gap**2
+        sums = totals([displacement * elastic, density, gap, *squares])
         twice_elastic = sums[0]
         adhesion = sums[1]
         level = sums[2] / gap.size
-        scale = jnp.maximum(scale, rounding_of_waves(stiffest, jnp.sqrt(sums[3] / gap.size)))
+        scale, residual, size = jnp.sqrt(sums[3:] / gap.size)
+        scale = jnp.maximum(scale, smallest_scale)
+        scale = jnp.maximum(scale, rounding_of_waves(stiffest, size))
         is_nearly_flat = (spread > 0) & (spread < _FLAT * level)
         residual = jnp.where(residual == 0, 0, residual / jnp.where(residual == 0, 1, scale))
         # A light load is all that keeps the surfaces where they are.
@@ -134,5 +134,5 @@ def rounding_of_waves(stiffest: Scalar, gap: Scalar) -> Scalar:
 def conforming_pressure(solid: Solid, heights: Field) -> Scalar:
     """Return the rms elastic pressure that full contact takes, |K h| [pressure]."""
     heights = solid.conforming(heights)
-    pressure = solid.with_uniform_stiffness(0).apply(heights - jnp.mean(heights))
-    return jnp.sqrt(jnp.mean(pressure**2))
+    pressure = solid.with_uniform_stiffness(0).apply(heights - mean(heights))
+    return jnp.sqrt(mean(pressure**2))

@@ -149,8 +149,9 @@ def concluded(contact: Contact, load: Load, iteration: Iteration[SolverState]) -
     energy = balance.elastic_energy + balance.adhesion
     is_finite = jnp.isfinite(energy) & control.is_met(gap)
     result = RESULTS.where(is_finite, iteration.result, RESULTS.nonfinite)
-    is_sunk = jnp.sum(gap == 0) > jnp.sum(contact.solid.surface(gap == 0))
-    result = RESULTS.where(is_sunk, RESULTS.sunk, result)
+    if contact.solid.is_window:
+        is_sunk = jnp.sum(gap == 0) > jnp.sum(contact.solid.surface(gap == 0))
+        result = RESULTS.where(is_sunk, RESULTS.sunk, result)
     result = RESULTS.where(balance.has_escaped, RESULTS.pulled_off, result)
     result = RESULTS.where(control.is_feasible, result, RESULTS.infeasible_load)
     result = RESULTS.where(contact.is_valid, result, RESULTS.invalid_contact)

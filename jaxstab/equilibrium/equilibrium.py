@@ -13,6 +13,7 @@ from jaxstab.core import model
 from jaxstab.core.checks import are_finite, require_shape, where_known
 from jaxstab.core.compile import program
 from jaxstab.core.display import Outcome
+from jaxstab.core.grid import mean
 from jaxstab.core.history import History
 from jaxstab.core.results import RESULTS
 from jaxstab.core.stack import require_single
@@ -133,16 +134,14 @@ def assembled(contact: Contact, gap: Field, net: Field, energy: Scalar) -> Field
         "gap": gap,
         "pressure": net - attraction,
         "reaction": reaction,
-        "mean_pressure": jnp.mean(contact.solid.surface(reaction - attraction)),
+        "mean_pressure": mean(contact.solid.surface(reaction - attraction)),
         "energy": energy,
     }
 
 
 def contact_area(contact: Contact, gap: Field) -> Scalar:
     """Return the fraction of contact points among the points of the surface, NaN of NaN."""
-    return jnp.mean(
-        contact.solid.surface(jnp.where(jnp.isnan(gap), gap, (gap == 0).astype(gap.dtype)))
-    )
+    return mean(contact.solid.surface(jnp.where(jnp.isnan(gap), gap, (gap == 0).astype(gap.dtype))))
 
 
 def equilibrium_at(
