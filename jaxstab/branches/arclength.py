@@ -61,8 +61,6 @@ _TO_TURN = 0.9
 # How far from its prediction a state may be, over the step: on a smooth piece, and over several.
 _FARTHEST = 0.1
 _FARTHEST_LEAP = 0.3
-# Steps of Newton's method from which steps grow no more.
-_EASY = 4
 # Steps shorter than this part of the longest may pass a bifurcation.
 _ACROSS = 1e-3
 
@@ -344,7 +342,7 @@ def _judged(
     cut = jnp.where(found.is_found, _CUT, _CUT_IF_LOST)
     share = jnp.where(is_over, jnp.maximum(0.9 * share, 0.1), cut)
     is_smooth = jnp.where(target.follows, leaps, smooth & turns_as_predicted(curve, cubics))
-    is_easy = (found.num_steps <= _EASY) & (cosine > _STRAIGHT)
+    is_easy = cosine > _STRAIGHT
 
     turns = curve.rate(old.tangent) * curve.rate(tangent) < 0
     beyond = problem.is_beyond(place.at) & ~(step.lands & ~target.is_change)
