@@ -10,12 +10,15 @@ from jaxstab.core.control_flow import entry_of, on_platform, with_entry
 from jaxstab.core.loop import NO_LIMIT, Iteration, IterativeSolver
 from jaxstab.stability.solvers.base import Eigenproblem
 
-# The steps of each round, and the number of starts that go on to the next.
-_LENGTHS = 4, 8, 10, 15, 25, 40, 60, NO_LIMIT
-_NUM_KEPT = 12, *[3] * (len(_LENGTHS) - 2), 1
-_DISCARDED = max(_NUM_KEPT)
+# The steps of the first round. Each further one has twice as many, but the last has no limit.
+_FIRST_LENGTH = 4
+_NUM_ROUNDS = 6
+# The starts that go on from each round but the first, and one at last.
+_FEW = 3
+_LENGTHS = *(_FIRST_LENGTH << number for number in range(_NUM_ROUNDS - 1)), NO_LIMIT
+_NUM_KEPT = NO_LIMIT, *[_FEW] * (_NUM_ROUNDS - 2), 1
 # The round from which on no more than a few starts are left.
-_FEW_FROM = 2
+_FEW_FROM = _NUM_KEPT.index(_FEW) + 1
 # The inner product from which two unit vectors are taken to lead to the same minimiser.
 _SAME = 0.95
 
@@ -43,7 +46,7 @@ def multi_start(
     def narrowed(*starts: PyTree) -> tuple[Iteration, Array]:
         # Together all starts cost as much as those that are on: the few that go on move closer.
         found = rounds(slice(_FEW_FROM), *starts)
-        ahead = jnp.argsort(~found[1])[: _NUM_KEPT[_FEW_FROM]]
+        ahead = jnp.argsort(~found[1])[:_FEW]
         few = rounds(slice(_FEW_FROM, None), *jax.tree.map(lambda leaf: leaf[ahead], found))
         return jax.tree.map(lambda leaf, end: leaf.at[ahead].set(end), found, few)
 
@@ -109,7 +112,7 @@ def _ranks(
     is_higher = lowest - problem.operator.scale * found.residual > jnp.min(lowest)
     is_kept = ~(is_out | is_copy | is_higher)
     rank = jnp.sum(is_before & is_kept[:, None], axis=0)
-    return jnp.where(is_kept, rank, _DISCARDED)
+    return jnp.where(is_kept, rank, NO_LIMIT)
 
 
 def _is_out(found: Iteration, is_on: Bool[Array, " starts"]) -> Bool[Array, " starts"]:
