@@ -1,7 +1,6 @@
 """The contact from which the fit of a force curve starts, by a fit of a closed form."""
 
 from collections.abc import Callable
-from operator import itemgetter
 from typing import NamedTuple
 
 import numpy as np
@@ -31,9 +30,7 @@ from jaxstab.references import jkr, maugis, regime
 from jaxstab.solids import FreeHalfSpace
 from jaxstab.surfaces import paraboloid
 
-# Tabor's parameters to start the fit of the closed form from: DMT, between, and JKR.
-_TABOR = (0.1, 1.0, 5.0)
-# The standard deviation of its logarithm before the curve is known: a factor of three.
+# The prior's standard deviation of the logarithm of Tabor's parameter: a factor of three.
 _PRIOR = np.log(3.0)
 # The points of the closed form, with and without contact.
 _POINTS = 300
@@ -222,25 +219,17 @@ def _fitted(
     unit = float(jkr.units(radius, modulus, work).displacement)
     reach = np.array([np.log(FARTHEST)] * 3 + [np.ptp(indentation) / unit])
 
-    def misfit(values: np.ndarray, start: _Sphere) -> np.ndarray:
+    # The fit starts in the middle of JKR and DMT.
+    start = _Sphere(modulus, work, 1.0, pull)
+    start = start._replace(range=start.tabor(radius))
+
+    def misfit(values: np.ndarray) -> np.ndarray:
         sphere = start.changed(values, unit)
         computed = _force(indentation, radius, sphere, pull, part == "approach")
         return np.append(roots * (computed - force), np.log(sphere.tabor(radius)) / _PRIOR)
 
-    found = []
-    for tabor in _TABOR:
-        start = _Sphere(modulus, work, 1.0, pull)
-        start = start._replace(range=start.tabor(radius) / tabor)
-        fit = least_squares(
-            misfit,
-            np.zeros(4),
-            bounds=(-reach, reach),
-            ftol=ROUGH,
-            xtol=ROUGH,
-            args=(start,),
-        )
-        found.append((fit.cost, start.changed(fit.x, unit)))
-    return min(found, key=itemgetter(0))[1]
+    fit = least_squares(misfit, np.zeros(4), bounds=(-reach, reach), ftol=ROUGH, xtol=ROUGH)
+    return start.changed(fit.x, unit)
 
 
 def _without_attraction(
