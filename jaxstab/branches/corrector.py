@@ -17,7 +17,7 @@ from jaxtyping import Array, Int
 from jaxstab.branches.curve import Curve, Forces, Place, Point
 from jaxstab.contact.hessian import Hessian
 from jaxstab.core import model
-from jaxstab.core.accuracy import ALONG_CURVES, EQUILIBRIUM, EXACT
+from jaxstab.core.accuracy import ALONG_CURVES, EQUILIBRIUM, EXACT, NEWTON_STEP
 from jaxstab.core.checks import as_array
 from jaxstab.core.compile import program
 from jaxstab.core.control_flow import choose, zeros_of
@@ -27,8 +27,6 @@ from jaxstab.core.types import Field, Flag, Mask, Scalar
 # The residual sought at states. In single precision a point within the tolerance of an equilibrium
 # may lie as far from the curve as a short step may from its prediction.
 AT_STATES = {**EQUILIBRIUM, "float32": EXACT["float32"]}
-# How well a step is solved for.
-_ACCURACY = 1e-2
 _MAX_STEPS = 8
 # A step that lowers a residual below the tolerance by less ends a search for a smaller one; above
 # it, so many steps in turn do. Searches that succeeded had two of them at most.
@@ -212,7 +210,7 @@ def _newton(
             is_free,
             choose(is_found, ahead, problem.condition.gradient(curve, forces)),
             choose(is_found, rest, Point(-forces.net, -error)),
-            jnp.where(is_found, fine, _ACCURACY),
+            jnp.where(is_found, fine, NEWTON_STEP),
             jnp.where(is_found, curve.length(direction), 0),
         )
         least = jnp.where(follows, 0, -jnp.inf)

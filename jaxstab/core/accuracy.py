@@ -15,6 +15,8 @@ EIGENPAIR = {"float64": 1e-7, "float32": 1e-5}
 ALONG_CURVES = {"float64": 1e-5, "float32": 1e-4}
 # The residual of what only guides another search, such as its start.
 ROUGH = 1e-4
+# The residual of the linear system of a step of Newton's method.
+NEWTON_STEP = 1e-2
 # The part of a quantity below which it counts as zero, and two states as one.
 NEGLIGIBLE = {"float64": 1e-6, "float32": 1e-3}
 # A measured number is told from noise if it exceeds its standard error so many times.

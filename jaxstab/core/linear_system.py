@@ -12,7 +12,8 @@ from jaxstab.core.grid import total
 from jaxstab.core.implicit import nan_where
 from jaxstab.core.types import Field, FieldMap, Flag, Scalar
 
-_MAX_STEPS = 2000
+# A linear system is solved in far fewer steps, or not at all.
+MAX_STEPS = 2000
 
 
 class LinearSystem(eqx.Module):
@@ -64,7 +65,7 @@ class LinearSystem(eqx.Module):
         tolerance = EXACT[b.dtype.name] ** 2 * total(b**2)
 
         def goes_on(state: _Iterate) -> Flag:
-            return (total(state.residual**2) > tolerance) & (state.num_steps < _MAX_STEPS)
+            return (total(state.residual**2) > tolerance) & (state.num_steps < MAX_STEPS)
 
         def step(state: _Iterate) -> _Iterate:
             product = self.project(self.operator(state.direction))

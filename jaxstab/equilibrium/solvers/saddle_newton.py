@@ -10,12 +10,12 @@ import jax.numpy as jnp
 from jaxtyping import Array, Int
 
 from jaxstab.contact.hessian import Hessian
-from jaxstab.core.accuracy import EQUILIBRIUM
+from jaxstab.core.accuracy import EQUILIBRIUM, NEWTON_STEP
 from jaxstab.core.checks import as_array
 from jaxstab.core.control_flow import choose, on_platform
 from jaxstab.core.grid import total
 from jaxstab.core.history import Indicators
-from jaxstab.core.linear_system import LinearSystem
+from jaxstab.core.linear_system import MAX_STEPS, LinearSystem
 from jaxstab.core.loop import optional_parameter
 from jaxstab.core.types import Flag, Scalar
 from jaxstab.equilibrium.solvers.base import EquilibriumSolver, Problem, State
@@ -23,9 +23,6 @@ from jaxstab.equilibrium.solvers.minres import minres
 
 # Halvings of a step before it is taken as it is.
 _MAX_CUTS = 8
-# The accuracy of the linear system of a step, and the limit of its steps.
-_ACCURACY = 1e-3
-_MAX_LINEAR_STEPS = 300
 
 
 class _NewtonTrial(eqx.Module):
@@ -66,7 +63,7 @@ class SaddleNewton(EquilibriumSolver):
         inverse = hessian.inverse(solid.min_stiffness + adhesion)
 
         system = LinearSystem(hessian, inverse, lambda field: control.project(field, is_moving))
-        change = minres(system, -net, _ACCURACY, _MAX_LINEAR_STEPS)
+        change = minres(system, -net, NEWTON_STEP, MAX_STEPS)
 
         def attempt(trial: _NewtonTrial) -> _NewtonTrial:
             new = problem.state(state.gap + trial.length * change)
