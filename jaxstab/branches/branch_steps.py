@@ -37,6 +37,8 @@ from jaxstab.loads import Load, require_loads, require_same_machine
 # the first over the longest.
 LONGEST = 0.1
 _FIRST = 0.2
+# After so many steps a branch is followed no more.
+MAX_STEPS = 20_000
 
 
 class BranchState(eqx.Module):
