@@ -19,15 +19,13 @@ from jaxstab.branches.corrector import (
     on_plane,
 )
 from jaxstab.branches.curve import Curve, Place, Point
-from jaxstab.core.accuracy import EQUILIBRIUM, EXACT
+from jaxstab.core.accuracy import EQUILIBRIUM, EXACT, NEGLIGIBLE
 from jaxstab.core.checks import array
 from jaxstab.core.compile import program
 from jaxstab.core.control_flow import choose, cond, first_good, while_loop
 from jaxstab.core.types import Field, Flag, Mask, Scalar
 
 _MAX_SECANTS = 40
-# How far the rate of the load may be from zero at a fold, over the larger one at the step's ends.
-_FLAT = 1e-3
 
 
 class ActiveSetChanges(eqx.Module):
@@ -249,5 +247,5 @@ def _narrowed(curve: Curve, step: _SmoothStep, bracket: _Bracket, found: Place) 
         is_low=is_low,
         count=count,
         is_open=is_wide & is_steep & (count < _MAX_SECANTS),
-        is_flat=jnp.abs(rate) < _FLAT * step.steepest,
+        is_flat=jnp.abs(rate) < NEGLIGIBLE[rate.dtype.name] * step.steepest,
     )
