@@ -18,6 +18,7 @@ import numpy as np
 from jaxstab.branches.differentiable_limit import CriticalLoad
 from jaxstab.branches.kinds import KINDS
 from jaxstab.contact import Contact
+from jaxstab.core.accuracy import EQUILIBRIUM
 from jaxstab.core.checks import array
 from jaxstab.core.types import Flag, Scalar
 from jaxstab.equilibrium import Equilibrium, equilibrate
@@ -27,15 +28,14 @@ from jaxstab.transitions.transition import largest_climb
 
 # Passes are computed at no more than so many loads.
 _MAX_PASSES = 40
-# A jump within this part of the pull-off is the detachment.
-_AT_END = 1e-3
+# Tensions within this part of the pull-off are the same: solvers round, and a jump there is the
+# detachment.
+SAME_LOAD = 1e-3
 # The error of a cubic over a part of an interval is at most this part of what one over the whole
 # missed at the pass between: the value, and the slope times the length of the part.
-_OF_MISSED = 1 / 4
+_OF_MISSED = 0.25
 # An interval is divided at this part of it at least.
 _LEAST_PART = 0.1
-# Surfaces are far apart from this ratio of the attraction to the largest on.
-_HARDLY_ANY = 1e-9
 _POINTS = 64
 
 
@@ -81,7 +81,7 @@ class BarrierCurve:
         self._end = -float(limit.load.value)
         jumps = -np.asarray(path.jumps.load.value, float)
         self._law = None
-        if np.any(jumps >= (1 - _AT_END) * self._end):
+        if np.any(jumps >= (1 - SAME_LOAD) * self._end):
             self._law = path.jumps.barrier_law[-1]
         self._power = 2.0
         if limit.kind == KINDS.fold:
@@ -221,6 +221,7 @@ class BarrierCurve:
 def _apart(contact: Contact) -> Equilibrium:
     """Return a state of surfaces that hardly attract each other any more."""
     profile = contact.profile
-    reach = profile.outermost_gap(_HARDLY_ANY * profile.max_attraction)
+    # From there on no equilibrium tells the attraction from none.
+    reach = profile.outermost_gap(EQUILIBRIUM["float64"] * profile.max_attraction)
     lifted = reach + contact.heights.max() - contact.heights.mean()
     return equilibrate(contact, MeanGap(lifted))

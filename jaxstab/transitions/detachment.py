@@ -33,16 +33,12 @@ from jaxstab.equilibrium import Equilibrium, equilibrate
 from jaxstab.equilibrium.equilibrium import State, single_start
 from jaxstab.loading import follow, pull_off
 from jaxstab.loads import Load, MeanPressure, require_loads
-from jaxstab.transitions.barrier_curve import BarrierCurve
+from jaxstab.transitions.barrier_curve import SAME_LOAD, BarrierCurve
 
 # Barriers count where all higher ones add at most this to the probability of detachment.
 _NEGLIGIBLE = 1e-4
 # Barriers are computed to this part of the thermal energy.
 _TOLERANCE = 0.02
-# The path goes on beyond the pull-off by this part of it.
-_BEYOND = 1e-3
-# A state is at the load if its mean pressure is within this part of the pull-off: solvers round.
-_AT_LOAD = 1e-4
 _SHOWN = 0.05, 0.5, 0.95
 
 
@@ -248,10 +244,10 @@ def detachment(
         first = -float(load.value)
         last = -float(limit.load.value)
         begin = -float(pressure)
-        if abs(begin - first) <= _AT_LOAD * last:
+        if abs(begin - first) <= SAME_LOAD * last:
             begin = first
         _require_between(load, first, begin, last)
-        ends = MeanPressure(np.array([-begin, -(1 + _BEYOND) * last]))
+        ends = MeanPressure(np.array([-begin, -(1 + SAME_LOAD) * last]))
         path = follow(contact, ends, initial=start, fields=True)
         curve = BarrierCurve(contact, path, limit)
         lowest = 0.0
