@@ -16,8 +16,8 @@ from jaxstab.force_curves.segment import (
     tip_from_height,
 )
 
+# The fewest points of a segment. A part of it needs a quarter of them.
 _FEWEST = 50
-_FEWEST_PRESSED = 10
 # The fits of the contact point, each weighed by the one before.
 _WEIGHINGS = 10
 # The least force is F_0 of the contact within this part of it.
@@ -483,7 +483,7 @@ def _contact(segment: Segment, constant: float, noise: float) -> tuple[float, fl
     weights allow for both.
     """
     force, tip, _, attraction, error = _pressed(segment, _LOWER, _UPPER, noise)
-    if len(force) < _FEWEST_PRESSED:
+    if len(force) < _FEWEST // 4:
         raise ValueError(
             f"Only {len(force)} points lie in the lower part of the contact, from which its zero "
             "follows: measure more slowly, or with more points."
