@@ -47,16 +47,18 @@ def law_jump(potential: Potential, lengths: Float[Array, "..."]) -> LawJump:
     ends. A steep change has vanished by then, a jump remains.
     """
     law, gaps = jax.lax.stop_gradient((at_some_points(potential), gaps_of(lengths)))
-    table = jnp.stack([jnp.atleast_2d(field) for field in _where_defined(law, gaps)])
+    value, slope, curvature = map(jnp.atleast_2d, _where_defined(law, gaps))
+    table = jnp.stack([value, slope])
+    rates = jnp.stack([slope, curvature])
     finite = jnp.where(jnp.isfinite(table), table, 0)
     scale = jnp.stack([jnp.max(-finite[0]), jnp.max(finite[1])])
     fields = [jnp.ravel(field) for field in varying_fields(law)]
 
     high = table[..., :-1]
     low = table[..., 1:]
-    largest = jnp.maximum(jnp.abs(high[:2]), jnp.abs(low[:2]))
+    largest = jnp.maximum(jnp.abs(high), jnp.abs(low))
     sizes = jnp.maximum(scale[:, None, None], largest)
-    missed = _missed((gaps[1:], low[:2], low[1:]), (gaps[:-1], high[:2], high[1:])) / sizes
+    missed = _missed((gaps[1:], low, rates[..., 1:]), (gaps[:-1], high, rates[..., :-1])) / sizes
     missed = jnp.where(jnp.isfinite(missed), missed, 0)
     # A jump at a gap of the table shows on both sides of it.
     beside = jnp.pad(missed, ((0, 0), (0, 0), (2, 2)))
