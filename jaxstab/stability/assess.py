@@ -11,6 +11,7 @@ from jaxstab.contact.contact import Contact
 from jaxstab.contact.resolution import warn_if_coarse
 from jaxstab.core.checks import key_or_default
 from jaxstab.core.compile import in_pieces, own_conventions, program
+from jaxstab.core.control_flow import cond
 from jaxstab.core.implicit import where_traced
 from jaxstab.core.loop import solver_or_default
 from jaxstab.core.progress import advance_to, progress_bar
@@ -132,6 +133,8 @@ def _assessed(
     problems, state = problems_of(contact, equilibrium)
     spaces = Davidson(solver.tolerance_in(equilibrium.gap.dtype))
     found = smallest_eigenpairs(problems, solver, spaces, key, verdict_only)
+    is_equilibrium = state.result == RESULTS.successful
+    found = cond(is_equilibrium, lambda: found, lambda: found.failed(state.result))
     return _stability(equilibrium, state, found)
 
 

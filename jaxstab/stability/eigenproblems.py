@@ -60,6 +60,8 @@ class AssessedState(eqx.Module):
         scale: the rms of elastic pressure and attraction [pressure].
         imbalance: the norm of the pressures that are out of balance [pressure].
         sharpness: f'''(g) at the free points [pressure/length^2].
+
+    Imbalance and sharpness are zero if it is none.
     """
 
     result: RESULTS
@@ -71,23 +73,14 @@ class AssessedState(eqx.Module):
     def covered(self, pairs: Sequence[Eigenpair], softest: Scalar) -> list[Eigenpair]:
         """Return pairs whose errors cover the error of the state, given its softest eigenvalue.
 
-        The gap may be off by dg = A^-1 r, and d lambda = sum f''' x^2 dg. Without an equilibrium
-        there is no number.
+        The gap may be off by dg = A^-1 r, and d lambda = sum f''' x^2 dg.
         """
         off = _DOUBT * self.imbalance / jnp.where(softest > 0, softest, 1)
-        changes = norms([off * self.sharpness * pair.mode**2 for pair in pairs])
-        return [self._covered(*each) for each in zip(pairs, changes, strict=True)]
-
-    def _covered(self, pair: Eigenpair, change: Scalar) -> Eigenpair:
-        is_found = self.result == RESULTS.successful
-        return replace(
-            pair,
-            eigenvalue=jnp.where(is_found, pair.eigenvalue, jnp.nan),
-            error=pair.error + change,
-            proved=pair.proved & is_found,
-            bound=jnp.where(is_found, pair.bound - change, -jnp.inf),
-            result=RESULTS.where(is_found, pair.result, self.result),
-        )
+        changes = off * norms([self.sharpness * pair.mode**2 for pair in pairs])
+        return [
+            replace(pair, error=pair.error + change, bound=pair.bound - change)
+            for pair, change in zip(pairs, changes, strict=True)
+        ]
 
 
 class Found(eqx.Module):
@@ -111,6 +104,18 @@ class Found(eqx.Module):
         unknown = array(np.nan, pair.eigenvalue.dtype)
         left_out = replace(pair, eigenvalue=unknown, result=RESULTS.not_computed)
         return replace(self, **{name: left_out})
+
+    def failed(self, result: RESULTS) -> "Found":
+        """Return pairs without numbers, of a state that is no equilibrium."""
+        dtype = self.cone.eigenvalue.dtype
+        changes = {
+            "eigenvalue": array(np.nan, dtype),
+            "proved": array(False),
+            "bound": array(-np.inf, dtype),
+            "result": result,
+        }
+        pairs = self.lower_bound, self.cone, self.critical, self.hull
+        return Found(*(replace(pair, **changes) for pair in pairs))
 
     def ordered(self) -> "Found":
         """Return pairs of which none is above one on a smaller cone."""
@@ -154,7 +159,8 @@ def problems_of(contact: Contact, equilibrium: Equilibrium) -> tuple[Eigenproble
         is_weak=jnp.any(weak),
         is_doubtful=jnp.any(weak | nearly_touching),
     )
-    sharpness = jnp.where(in_contact, 0, third_derivative(contact, gap))
+    sharpness = jnp.where(v0.is_moving & ~in_contact, third_derivative(contact, gap), 0)
+    imbalance = jnp.where(is_found, imbalance, 0)
     state = AssessedState(result, contact.grid.cell_area, scale, imbalance, sharpness)
     return problems, state
 
