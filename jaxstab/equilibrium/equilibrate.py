@@ -133,12 +133,13 @@ def started(contact: Contact, load: Load, initial: Field) -> Field:
     """Return a gap to start a solver from, NaN for a load or a contact without an answer."""
     control = contact.control(load)
     start = jnp.maximum(initial.astype(contact.heights.dtype), 0)
+    size = jnp.ones((), start.dtype)
     if control.fixes_mean:
-        start = start / jnp.max(start)
+        size = jnp.max(start)
+    start = start / jnp.where(control.is_feasible & contact.is_valid, size, jnp.nan)
     gap = control.restore(start)
     lift = partial(_lift_off_core, contact, control)
-    gap = jax.lax.cond(contact.has_core, lift, lambda gap: gap, gap)
-    return jnp.where(control.is_feasible & contact.is_valid, gap, jnp.nan)
+    return jax.lax.cond(contact.has_core, lift, lambda gap: gap, gap)
 
 
 def concluded(contact: Contact, load: Load, iteration: Iteration[SolverState]) -> Equilibrium:
