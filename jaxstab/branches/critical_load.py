@@ -15,7 +15,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Int
 
-from jaxstab.branches.branch_steps import BranchState, begin, two_loads
+from jaxstab.branches.branch_steps import FARTHER, BranchState, begin, two_loads
 from jaxstab.branches.corrector import AT_STATES
 from jaxstab.branches.differentiable_limit import CriticalLoad, critical_load_at
 from jaxstab.branches.energy import characteristic_energy, supply_of
@@ -46,9 +46,6 @@ _NUM_SEARCHES = 2
 # Releases that lose a smaller part of the problem's characteristic energy do not end a branch: so
 # little is known in float32.
 _SMALLEST_LOSS = 1e-5
-# A branch that is lost is sought so many times farther beyond. If that was within so many of these
-# distances behind a release, it has not left it.
-_FARTHER = 10.0
 
 
 def critical_load(
@@ -273,7 +270,7 @@ def _continued(
     # Where every perturbation costs energy the branch does not end, whatever its tangents say.
     is_lost |= (limit.kind == KINDS.uncertain) & (limit.critical.eigenvalue > limit.critical.error)
     distance = jnp.abs(value - old.load.value)
-    is_near = jnp.abs(limit.load.value - old.load.value) <= _FARTHER * distance
+    is_near = jnp.abs(limit.load.value - old.load.value) <= FARTHER * distance
     is_stuck = (search.number > 0) & (~is_stable | (is_lost & is_near & old.is_found))
     is_lost |= is_stuck
     is_release = limit.is_found & (limit.kind == KINDS.release)
@@ -283,7 +280,7 @@ def _continued(
     reached = jnp.where((reached - value) * (last - first) > 0, reached, value)
     # From beyond where a curve could not be followed it is the same branch, if nothing is lost.
     just_beyond = _just_beyond(loads).astype(search.step.dtype)
-    step = jnp.where(is_lost, _FARTHER * search.step, just_beyond)
+    step = jnp.where(is_lost, FARTHER * search.step, just_beyond)
     value = reached + step
     return _Search(
         limit=choose(is_stuck, old, limit),

@@ -14,6 +14,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Int
 
+from jaxstab.branches.branch_steps import FARTHER
 from jaxstab.branches.point import PathPoint, point_of
 from jaxstab.core.checks import concrete
 from jaxstab.core.compile import program
@@ -25,8 +26,6 @@ from jaxstab.loading.load_path import LoadPath, Start
 from jaxstab.loading.record import Event, Record
 from jaxstab.loads import Load
 
-# A state is sought further on by this factor where the solver fails beyond the end of a branch.
-_FURTHER = 8
 # How much of the smallest loss the curvature of F may take from the work on a step.
 _MAX_CURVATURE = 4
 # The errors on a branch that may add up in a predicted potential, and for steps once one has
@@ -248,7 +247,7 @@ def apply_step(
     bisection = _bisected(load_path, progress.bisection, trial, outcome)
     next_length = _next_length(load_path, progress, trial, outcome)
     # The solver may find its way from further on, but not from anywhere.
-    has_failed = outcome.is_lost & (trial.is_end | (trial.length > load_path.max_step / _FURTHER))
+    has_failed = outcome.is_lost & (trial.is_end | (trial.length > load_path.max_step / FARTHER))
     after = Progress(
         here=here,
         last=last,
@@ -282,7 +281,7 @@ def _bisected(
     # An error of quadrature falls with the cube of the length, the loss of a jump does not.
     error = jnp.where(accepts, bisection.error / 8, outcome.error)
     # Where the solver is lost right beyond the end, it may find its way from further on.
-    distance = jnp.where(outcome.is_lost, _FURTHER * distance, distance)
+    distance = jnp.where(outcome.is_lost, FARTHER * distance, distance)
     nearness = jnp.where(outcome.is_lost, distance, bisection.nearness)
     return Bisection(
         jnp.where(is_over, jnp.inf, distance),
