@@ -17,11 +17,10 @@ from jaxstab.core.grid import mean, total
 from jaxstab.core.types import Field, Flag, Mask, Scalar
 from jaxstab.loads import Load
 from jaxstab.potentials import derivatives
+from jaxstab.potentials.profile import HARDLY_ANY
 
 # Restarts of GMRES at most.
 _MAX_RESTARTS = 10
-# This part of the largest attraction is taken for none.
-HARDLY_ANY = 1e-3
 
 
 class Point(eqx.Module):

@@ -6,12 +6,11 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 
-from jaxstab.branches.curve import HARDLY_ANY
 from jaxstab.branches.differentiable_limit import CriticalLoad, critical_load_at
 from jaxstab.branches.limit import Limit, limit_ahead
 from jaxstab.contact import Contact, require_contact
 from jaxstab.contact.resolution import FOR_JUMPS, warned_once
-from jaxstab.core.accuracy import EQUILIBRIUM
+from jaxstab.core.accuracy import EQUILIBRIUM, ROUGH
 from jaxstab.core.checks import scalar_parameter
 from jaxstab.core.compile import in_pieces, own_conventions, program
 from jaxstab.core.progress import progress_bar
@@ -25,9 +24,8 @@ from jaxstab.loading.load_path import DISTURBANCE, load_path_of
 from jaxstab.loading.load_stepping import step_to_end
 from jaxstab.loading.record import Strongest, no_jump
 from jaxstab.loads import Load, MeanPressure, Spring
+from jaxstab.potentials.profile import HARDLY_ANY
 
-# Only the jump from the largest tension matters.
-_SMALLEST_JUMP = 1e-4
 # The largest attraction is known at some gaps only.
 _BEYOND = 1.01
 
@@ -98,7 +96,8 @@ def pull_off(
 def _search(contact: Contact, load: Load, start: Field) -> tuple[Limit, Equilibrium]:
     """Return the limit of the branch before the jump from the largest tension, and what remains."""
     resolution = EQUILIBRIUM[contact.heights.dtype.name]
-    load_path = load_path_of(contact, load, _SMALLEST_JUMP, DISTURBANCE, resolution=resolution)
+    # The steps only guide the search for the end of the branch.
+    load_path = load_path_of(contact, load, ROUGH, DISTURBANCE, resolution=resolution)
     ended, strongest = step_to_end(load_path, start, no_jump)
     jump = strongest.event
     before = load_path.at(jump.before.value)

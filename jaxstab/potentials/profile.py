@@ -16,6 +16,8 @@ from jaxstab.potentials.varying import Potential, varying_fields, with_fields
 _OCTAVES = (10, -40)
 # The relative difference of the slopes at zero gap and right above it that counts as a jump.
 _JUMP = 0.25
+# This part of the largest attraction, or of the depth of a law, is taken for none.
+HARDLY_ANY = 1e-3
 # The number of surface points at which a varying law is evaluated, beside its extremes.
 _NUM_POINTS = 64
 
