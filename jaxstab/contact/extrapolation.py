@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from jaxstab.contact.contact import Contact
-from jaxstab.contact.resolution import PINNING, resolved_range
+from jaxstab.contact.resolution import FOR_JUMPS, PINNING, resolved_range
 from jaxstab.core import display
 from jaxstab.core.checks import (
     array,
@@ -31,11 +31,10 @@ from jaxstab.core.roots import bisect
 from jaxstab.core.types import ArrayLike, Scalar
 from jaxstab.core.units import LENGTH, NO_UNITS, Units, named_with_unit, shown_unit, unit_symbol
 
-# The default ranges: the resolution at the shortest one, and each over the one before.
-_RESOLUTION = 8.0
+# The default ranges: the resolution at the shortest one, and each over the one before. It is twice
+# the resolution of the range at which the extrapolation is tried.
+_RESOLUTION = 2 * FOR_JUMPS
 _RATIOS = 1.3 ** np.arange(4)
-# The extrapolation is tried at this part of the shortest range.
-_TRIED = 0.5**0.5
 # The powers that are sought, and the least one that tells of a limit at the range zero.
 _POWERS = -2.0, 6.0
 _LEAST_POWER = 0.3
@@ -139,7 +138,7 @@ def extrapolate(
     cure = f"the longest that is computed is {lengths[-1]:.6g}, give `ranges` up to it."
     require("The range", target, target <= lengths[-1], cure)
     # The trial comes last, and only below the shortest range.
-    tried = max(target, _TRIED * lengths[0])
+    tried = max(target, lengths[0] * (FOR_JUMPS / _RESOLUTION) ** 0.5)
     below = []
     if tried < lengths[0]:
         below.append(tried)
