@@ -49,7 +49,7 @@ def law_jump(potential: Potential, lengths: Float[Array, "..."]) -> LawJump:
     table = jnp.stack([value, slope])
     rates = jnp.stack([slope, curvature])
     finite = jnp.where(jnp.isfinite(table), table, 0)
-    scale = jnp.stack([jnp.max(-finite[0]), jnp.max(finite[1])])
+    scale = jnp.max(jnp.stack([-finite[0], finite[1]]), axis=(1, 2))
     fields = [jnp.ravel(field) for field in varying_fields(law)]
 
     high = table[..., :-1]

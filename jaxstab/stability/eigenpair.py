@@ -171,4 +171,4 @@ def projected_residual(operator: SymmetricOperator, mode: Field, moved: Field) -
 
 def unit_vector(cone: Admissible, vector: Field) -> Field:
     """Return the cone's unit vector nearest to this one, or zero where there is none."""
-    return model.onto_sphere(jnp.where(cone.is_trivial, 0, cone.project(vector)))
+    return jnp.where(cone.is_trivial, 0, model.onto_sphere(cone.project(vector)))
