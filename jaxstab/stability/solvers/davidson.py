@@ -13,6 +13,7 @@ from typing import ClassVar
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float, Int
 
 from jaxstab.contact.hessian import Block, SymmetricOperator
@@ -212,14 +213,16 @@ class Davidson(SpaceSolver):
     def minimum(self, problem: ModesProblem, found: Iteration[_RitzState]) -> Minimum:
         """Return the block of modes and its cost."""
         size = len(problem.starts)
-        history = found.history
+        table = found.history.table
+        is_unknown = np.zeros(table.shape, bool)
+        is_unknown[0, 1:] = True
         num_widened = on_platform(lambda n: jnp.maximum(n - 1, 0), lambda n: n, found.num_steps)
         return Minimum(
             vector=found.state.span.basis[:size],
             num_steps=found.num_steps,
             num_applications=size + 2 * _NUM_RESIDUALS * num_widened,
             result=found.result,
-            history=replace(history, table=history.table.at[0, 1:].set(jnp.nan)),
+            history=replace(found.history, table=jnp.where(is_unknown, jnp.nan, table)),
         )
 
 
