@@ -26,6 +26,8 @@ from jaxstab.loading.load_path import LoadPath, Start
 from jaxstab.loading.record import Event, Record
 from jaxstab.loads import Load
 
+# How much of the smallest loss the curvature of F may take from the work on a step.
+_MAX_CURVATURE = 4
 # The errors on a branch that may add up in a predicted potential, and for steps once one has
 # failed: to reject these too early costs less.
 _LEEWAY = 20
@@ -198,7 +200,7 @@ def _outcome_of(
     curved = jnp.where(is_known, turn * change**3 / 6, 0)
     loss = here.potential + change * (here.force + new.force) / 2 - curved - new.potential
     least = load_path.smallest_loss(here)
-    error = jnp.maximum(jnp.abs(loss), jnp.abs(curved)) / least
+    error = jnp.maximum(jnp.abs(loss), jnp.abs(curved) / _MAX_CURVATURE) / least
     is_together = is_found & ~progress.is_apart
     is_smooth = is_together & ((error <= 1) | (trial.is_final & (loss <= least)))
     is_pulled = (result == RESULTS.pulled_off) & ~progress.is_apart
