@@ -28,9 +28,9 @@ from jaxstab.stability.solvers.cone_lobpcg import ProjectedLOBPCG
 Solver = TypeVar("Solver", bound=Eigensolver)
 
 # The points from which a grid is large: on fewer, the coarser problem does not pay.
-_LARGE = 2**18
+LARGE = 2**18
 # A coarser problem has at most so many points, but for grids that cannot be halved so often.
-_COARSE = _LARGE // 4
+COARSE = LARGE // 4
 # How far the eigenvalue may lie from the coarser problem's, as a part of it: no other
 # minimiser is taken to be lower by more.
 _TRUST = 1e-2
@@ -38,7 +38,7 @@ _TRUST = 1e-2
 
 def has_coarser(hessian: Hessian) -> bool:
     """Return whether the searches of a problem start from a coarser one; never within a trace."""
-    if hessian.solid.grid.size < _LARGE or is_transformed(hessian):
+    if hessian.solid.grid.size < LARGE or is_transformed(hessian):
         return False
     return jax.eval_shape(lambda: hessian.solid.coarser()) is not None
 
@@ -48,7 +48,7 @@ def coarser(problem: ConeProblem) -> ConeProblem:
     """Return the problem on every other point, of those again, until few points are left."""
     hessian = problem.operator
     cone = problem.domain
-    while hessian.solid.grid.size > _COARSE and (solid := hessian.solid.coarser()) is not None:
+    while hessian.solid.grid.size > COARSE and (solid := hessian.solid.coarser()) is not None:
         is_moving = ~_majority(~cone.is_moving)
         curvature = _mean_of_like(hessian.curvature, cone)
         cone = AdmissibleCone(_majority(cone.one_sided) & is_moving, ~is_moving, cone.fixes_mean)

@@ -55,7 +55,7 @@ def smallest_eigenpairs(
         fast = ProjectedLOBPCG(solver.tolerance_in(problems.cone.operator.curvature.dtype))
 
     # All perturbations that the load allows: the linear space around the cone.
-    around = _lowest_on_hull(spaces, problems.cone, key)
+    around = lowest_on_hull(spaces, problems.cone, key)
     advance_if_known(around)
     is_proved = stops_early & (concrete(around.sign) > 0)
 
@@ -63,7 +63,7 @@ def smallest_eigenpairs(
     is_open = touches & ~is_proved
     problem = problems.critical_cone
     hull = cond(
-        is_open, lambda: _lowest_on_hull(spaces, problem, key), lambda: around.known_before()
+        is_open, lambda: lowest_on_hull(spaces, problem, key), lambda: around.known_before()
     )
     is_weak = is_open & concrete(problems.is_weak)
     critical = _lowest_on_cone(fast, spaces, problem, hull, key, is_weak)
@@ -91,7 +91,7 @@ def smallest_eigenpairs(
     return cond(is_proved, lambda: left.without("critical"), lambda: left)
 
 
-def _lowest_on_hull(spaces: SpaceSolver, problem: ConeProblem, key: PRNGKeyArray) -> Lowest:
+def lowest_on_hull(spaces: SpaceSolver, problem: ConeProblem, key: PRNGKeyArray) -> Lowest:
     """Return the lowest pair on the linear space around a cone.
 
     On a large grid the search begins with the modes of the coarser problem.
@@ -121,13 +121,13 @@ def _lowest_on_cone(
 
     def search() -> Lowest:
         if not (has_coarser(problem.operator) and isinstance(solver, ProjectedLOBPCG)):
-            return _from_all_starts(solver, problem, hull, key)
-        return _from_one_start(solver, spaces, problem, hull, key)
+            return from_all_starts(solver, problem, hull, key)
+        return from_one_start(solver, spaces, problem, hull, key)
 
     return cond(is_needed, search, lambda: hull.known_before())
 
 
-def _from_one_start(
+def from_one_start(
     solver: ProjectedLOBPCG,
     spaces: SpaceSolver,
     problem: ConeProblem,
@@ -152,10 +152,10 @@ def _from_one_start(
     first = lowest_of(problem, found, hull.modes, is_answer, start.cost)
     if is_trusted(start, first):
         return first
-    return _from_all_starts(solver, problem, hull, key, first)
+    return from_all_starts(solver, problem, hull, key, first)
 
 
-def _from_all_starts(
+def from_all_starts(
     solver: ConeSolver,
     problem: ConeProblem,
     hull: Lowest,

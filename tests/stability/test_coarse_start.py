@@ -18,8 +18,8 @@ from jaxstab.stability.solvers.base import ConeProblem
 def small_is_large(monkeypatch):
     """Have grids of 64 x 64 searched from ones of 16 x 16."""
     jax.clear_caches()
-    monkeypatch.setattr(coarse_start, "_LARGE", 64**2)
-    monkeypatch.setattr(coarse_start, "_COARSE", 16**2)
+    monkeypatch.setattr(coarse_start, "LARGE", 64**2)
+    monkeypatch.setattr(coarse_start, "COARSE", 16**2)
     yield
     jax.clear_caches()
 
@@ -71,14 +71,14 @@ def test_all_starts_are_looked_at_only_where_the_coarser_mode_is_not_to_be_trust
     contact, _ = contact_with(4)
     equilibrium = js.equilibrate(contact, js.MeanDisplacement(displacement))
     search, compared = sys.modules["jaxstab.stability.search"], []
-    from_all_starts = search._from_all_starts
+    from_all_starts = search.from_all_starts
 
     def counted(*problem):
         if problem[1].operator.curvature.shape == contact.grid.shape:
             compared.append(problem)
         return from_all_starts(*problem)
 
-    monkeypatch.setattr(search, "_from_all_starts", counted)
+    monkeypatch.setattr(search, "from_all_starts", counted)
     found = js.assess_stability(contact, equilibrium)
     assert len(compared) == (not is_trusted)
     if is_trusted:
@@ -105,11 +105,11 @@ def test_a_coarser_problem_without_a_mode_gives_no_start(small_is_large):
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(search, "start_from_coarse", kept)
-        hull = search._lowest_on_hull(js.Davidson(), problem, key)
-        lowest = search._from_one_start(js.ProjectedLOBPCG(), js.Davidson(), problem, hull, key)
+        hull = search.lowest_on_hull(js.Davidson(), problem, key)
+        lowest = search.from_one_start(js.ProjectedLOBPCG(), js.Davidson(), problem, hull, key)
     np.testing.assert_array_equal(starts[0].vector, 0)
     # Then all starts are looked at.
-    expected = search._from_all_starts(js.ProjectedLOBPCG(), problem, hull, key)
+    expected = search.from_all_starts(js.ProjectedLOBPCG(), problem, hull, key)
     np.testing.assert_allclose(lowest.pair.eigenvalue, expected.pair.eigenvalue, rtol=1e-9)
 
 
@@ -141,7 +141,7 @@ def test_the_coarser_solid_has_the_long_waves_of_the_fine_one():
 
 
 def test_a_problem_is_made_coarser_until_few_points_are_left(monkeypatch):
-    monkeypatch.setattr(coarse_start, "_COARSE", 32)
+    monkeypatch.setattr(coarse_start, "COARSE", 32)
     touches = jnp.zeros((16, 8), bool).at[:4, :4].set(True)
     solid = js.HalfSpace(js.Grid((16, 8)), 1.0)
     hessian = Hessian(solid, jnp.where(touches, -4.0, -1.0))

@@ -16,7 +16,7 @@ from jaxstab.stability.cones import AdmissibleCone, Subspace
 from jaxstab.stability.eigenpair import measured
 from jaxstab.stability.lowest_pair import cone_starts, mode_on_cone
 from jaxstab.stability.solvers.base import ConeProblem, noise
-from jaxstab.stability.solvers.davidson import _Span
+from jaxstab.stability.solvers.davidson import Span
 from jaxstab.stability.solvers.multi_start import _is_before
 
 
@@ -288,13 +288,13 @@ def test_of_a_vector_that_may_be_noise_the_part_apart_from_a_space_is_kept():
     basis = np.linalg.qr(random.normal(size=(20, 5)))[0]
     matrix = jnp.eye(5)
     block = jnp.asarray(basis.T)
-    span = _Span(block, block, matrix, matrix, matrix)
+    span = Span(block, block, matrix, matrix, matrix)
     vector = random.normal(size=20)
     rest = vector - basis @ (basis.T @ vector)
     for sign in (1, -1):
-        np.testing.assert_allclose(span._apart_from(sign * vector), sign * rest, atol=1e-12)
+        np.testing.assert_allclose(span.apart_from(sign * vector), sign * rest, atol=1e-12)
     # Nothing is left of one within the space but rounding.
-    np.testing.assert_array_equal(span._apart_from(basis @ random.normal(size=5)), 0)
+    np.testing.assert_array_equal(span.apart_from(basis @ random.normal(size=5)), 0)
 
 
 def test_a_step_of_davidsons_method_is_the_dense_one():

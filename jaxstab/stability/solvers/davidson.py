@@ -43,7 +43,7 @@ _NUM_RESIDUALS = 3
 _NOISE = 100
 
 
-class _Span(eqx.Module):
+class Span(eqx.Module):
     """A space by vectors and P A times each, zero where unused, their inner products, and an
     orthonormal basis in terms of the vectors.
     """
@@ -61,13 +61,13 @@ class _Span(eqx.Module):
         operator: SymmetricOperator,
         space: Subspace,
         is_noise: Flag,
-    ) -> "_Span":
+    ) -> "Span":
         """Return the space with another vector, made orthogonal to the rest if it may be noise.
 
         That reads them all twice. A larger residual holds enough that is new; inner products
         measure it.
         """
-        vector = either(is_noise, lambda: self._apart_from(vector), lambda: vector)
+        vector = either(is_noise, lambda: self.apart_from(vector), lambda: vector)
         vector = space.project(vector)
         product = space.project(operator(vector))
         basis, products = with_entry((self.basis, self.products), slot, (vector, product))
@@ -77,9 +77,10 @@ class _Span(eqx.Module):
         part = (jnp.arange(len(gram)) == slot).astype(gram.dtype)
         axis = orthonormal(part, self.axes, gram, least_new(part.dtype))
         axes = with_entry(self.axes, slot, axis, axis=1)
-        return _Span(basis, products, gram, energies, axes)
+        return Span(basis, products, gram, energies, axes)
 
-    def _apart_from(self, vector: Field) -> Field:
+    def apart_from(self, vector: Field) -> Field:
+        """Return the part of a vector orthogonal to the space, zero where it is but rounding."""
         overlaps = jnp.tensordot(self.basis, vector, vector.ndim, precision="highest")
         square = total(vector**2)
         rest = vector - combination(overlaps, self.basis)
@@ -87,7 +88,7 @@ class _Span(eqx.Module):
         is_new = total(rest**2) > _rounding(square.dtype) ** 2 * square
         return jnp.where(is_new, rest, 0)
 
-    def spanned_by(self, parts: Float[Array, "room kept"]) -> "_Span":
+    def spanned_by(self, parts: Float[Array, "room kept"]) -> "Span":
         """Return the space of some combinations of its vectors, with the same room."""
         room, kept = parts.shape
         basis, products = combinations(parts, self.basis, self.products)
@@ -95,11 +96,11 @@ class _Span(eqx.Module):
         gram, energies = (parts.T @ matrix @ parts for matrix in (self.gram, self.energies))
         # They are unit vectors, or zero but for rounding.
         axes = jnp.diag(jnp.round(jnp.diagonal(gram)))
-        return _Span(basis, products, gram, energies, axes)
+        return Span(basis, products, gram, energies, axes)
 
 
 # A space, its lowest Ritz values and vectors, and those vectors one step before.
-_Widening = tuple[_Span, Array, Array, Array]
+_Widening = tuple[Span, Array, Array, Array]
 
 
 class _RitzState(eqx.Module):
@@ -109,7 +110,7 @@ class _RitzState(eqx.Module):
     traced once. Elsewhere they are taken before, and each step has the same number of turns.
     """
 
-    span: _Span
+    span: Span
     eigenvalues: Float[Array, " size"]
     residuals: Float[Array, " count"]
     is_empty: Flag
@@ -138,7 +139,7 @@ class Davidson(SpaceSolver):
         room += start.shape[1:] == (room, room)
         block = jnp.zeros((room, *start.shape[1:]), start.dtype)
         matrix = jnp.zeros((room, room), start.dtype)
-        span = _Span(block, block, matrix, matrix, matrix)
+        span = Span(block, block, matrix, matrix, matrix)
         # No residual is known yet: one above any tolerance, from which every fall is progress.
         none = jnp.full(problem.count, jnp.finfo(start.dtype).max ** 0.5, start.dtype)
         empty = _RitzState(span, jnp.zeros(len(start), start.dtype), none, jnp.array(True))
@@ -227,7 +228,7 @@ class Davidson(SpaceSolver):
 
 
 def _restarted(
-    problem: ModesProblem, span: _Span, eigenvalues: Array, parts: Array, last: Array
+    problem: ModesProblem, span: Span, eigenvalues: Array, parts: Array, last: Array
 ) -> _RitzState:
     """Keep the lowest Ritz vectors, and the part of another vector apart from them."""
     last = orthonormal(last, parts, span.gram, _rounding(last.dtype))
