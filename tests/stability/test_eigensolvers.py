@@ -17,7 +17,7 @@ from jaxstab.stability.eigenpair import measured
 from jaxstab.stability.lowest_pair import cone_starts, mode_on_cone
 from jaxstab.stability.solvers.base import ConeProblem, noise
 from jaxstab.stability.solvers.davidson import Span
-from jaxstab.stability.solvers.multi_start import _is_before
+from jaxstab.stability.solvers.multi_start import is_before
 
 
 class Dense(SymmetricOperator):
@@ -258,7 +258,7 @@ def test_a_cone_is_searched_from_the_lowest_modes_of_both_signs_and_random_vecto
 def test_equal_starts_keep_their_order():
     values = np.array([2.0, np.inf, 1.0, 2.0, np.inf, 1.0, 3.0])
     ranks = np.argsort(np.argsort(values, kind="stable"))
-    np.testing.assert_array_equal(_is_before(jnp.asarray(values)), ranks[:, None] < ranks)
+    np.testing.assert_array_equal(is_before(jnp.asarray(values)), ranks[:, None] < ranks)
 
 
 @pytest.mark.parametrize("sign", [1, -1])

@@ -106,12 +106,12 @@ def _ranks(
     axes = tuple(range(1, modes.ndim))
     is_out = _is_out(found, is_on)
     lowest = jnp.where(is_out, jnp.inf, found.state.point.eigenvalue)
-    is_before = _is_before(lowest)
+    precedes = is_before(lowest)
     is_alike = jnp.tensordot(modes, modes, (axes, axes)) > _SAME
-    is_copy = jnp.any(is_before & is_alike, axis=0)
+    is_copy = jnp.any(precedes & is_alike, axis=0)
     is_higher = lowest - problem.operator.scale * found.residual > jnp.min(lowest)
     is_kept = ~(is_out | is_copy | is_higher)
-    rank = jnp.sum(is_before & is_kept[:, None], axis=0)
+    rank = jnp.sum(precedes & is_kept[:, None], axis=0)
     return jnp.where(is_kept, rank, NO_LIMIT)
 
 
@@ -122,7 +122,7 @@ def _is_out(found: Iteration, is_on: Bool[Array, " starts"]) -> Bool[Array, " st
     return ~is_on | jnp.isnan(found.residual) | is_zero
 
 
-def _is_before(values: Float[Array, " starts"]) -> Bool[Array, "starts starts"]:
+def is_before(values: Float[Array, " starts"]) -> Bool[Array, "starts starts"]:
     """Return whether the value of a row is before the one of a column, ties in their order."""
     places = jnp.arange(len(values))
     others = values[:, None]
