@@ -12,6 +12,7 @@ import numpy as np
 
 from jaxstab.contact.contact import Contact, require_contact
 from jaxstab.core.checks import concrete, positive_scalar, where_known
+from jaxstab.core.compile import program
 from jaxstab.core.display import text, times
 from jaxstab.core.types import ArrayLike, Scalar
 from jaxstab.core.warn import warn
@@ -57,7 +58,7 @@ def warn_if_coarse(contact: Contact, needed: float = FOR_STATES) -> None:
 
 @where_known
 def _warn_of_pinning(solid: Solid, curvature: Scalar, needed: float) -> None:
-    stiffest = concrete(solid.max_stiffness)
+    stiffest = concrete(_max_stiffness(solid.prepared))
     sharpest = concrete(curvature)
     if stiffest >= needed * sharpest:
         return
@@ -102,6 +103,11 @@ def resolved_range(contact: Contact, resolution: ArrayLike = FOR_JUMPS) -> Scala
             f"the lengths of your law by {text(factor)}, at the same work of adhesion."
         )
     return factor * length
+
+
+@program
+def _max_stiffness(solid: Solid) -> Scalar:
+    return solid.max_stiffness
 
 
 def _longer(share: np.floating) -> str:
