@@ -1,7 +1,6 @@
 """Results as data sets and files: they come back unchanged, here and in plain xarray."""
 
 import json
-import resource
 import subprocess
 import sys
 
@@ -306,12 +305,8 @@ def test_a_result_of_another_contact_is_refused(plain, tmp_path):
     assert not (tmp_path / "other.nc").exists()
 
 
-class Stiffnesses(eqx.Module):
-    k_0: jax.Array
-    k: tuple[jax.Array, ...]
-
-
 def test_a_file_that_the_disk_has_no_room_for_is_an_error_and_leaves_nothing(plain, tmp_path):
+    resource = pytest.importorskip("resource")
     before, most = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (4096, most))
     try:
@@ -320,6 +315,11 @@ def test_a_file_that_the_disk_has_no_room_for_is_an_error_and_leaves_nothing(pla
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, (before, most))
     assert not list(tmp_path.iterdir())
+
+
+class Stiffnesses(eqx.Module):
+    k_0: jax.Array
+    k: tuple[jax.Array, ...]
 
 
 def test_fields_whose_joined_names_agree_are_kept_apart():
