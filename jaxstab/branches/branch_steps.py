@@ -40,8 +40,6 @@ _FIRST = 0.2
 # A state beyond the end of a branch is sought so many times farther on if the solver fails there. A
 # branch that ends within so many of these distances behind a release has not left it.
 FARTHER = 10.0
-# After so many steps a branch is followed no more.
-MAX_STEPS = 20_000
 
 
 class BranchState(eqx.Module):

@@ -23,7 +23,7 @@ from jaxstab.branches.kinds import KINDS
 from jaxstab.branches.limit import Limit, limit_of, no_limit
 from jaxstab.contact import Contact, require_contact
 from jaxstab.contact.resolution import FOR_JUMPS, warn_if_coarse
-from jaxstab.core.accuracy import EQUILIBRIUM, NEGLIGIBLE, rounding_of_numbers
+from jaxstab.core.accuracy import EQUILIBRIUM, rounding_of_numbers
 from jaxstab.core.checks import array
 from jaxstab.core.compile import in_pieces, own_conventions, program
 from jaxstab.core.control_flow import choose, cond, while_loop
@@ -44,8 +44,10 @@ Starts = list[Field]
 # A branch is followed from either load.
 _NUM_SEARCHES = 2
 # Releases that lose a smaller part of the problem's characteristic energy do not end a branch: so
-# little is known in float32.
+# little is known in float32. The next one is sought so far beyond, over the distance between the
+# loads.
 _SMALLEST_LOSS = 1e-5
+_BEYOND = 1e-6
 
 
 def critical_load(
@@ -206,8 +208,7 @@ def _just_beyond(loads: Load) -> Scalar:
     """Return how far behind a release the next branch is sought."""
     first, last = loads.value
     rounding = rounding_of_numbers(first.dtype) * jnp.maximum(jnp.abs(first), jnp.abs(last))
-    negligible = NEGLIGIBLE["float64"] * jnp.abs(last - first)
-    return jnp.sign(last - first) * jnp.maximum(negligible, rounding)
+    return jnp.sign(last - first) * jnp.maximum(_BEYOND * jnp.abs(last - first), rounding)
 
 
 @program

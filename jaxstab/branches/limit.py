@@ -13,7 +13,6 @@ from jaxtyping import Array, Int
 
 from jaxstab.branches.branch_steps import (
     LONGEST,
-    MAX_STEPS,
     BranchState,
     branch_from,
     next_state,
@@ -46,6 +45,7 @@ from jaxstab.core.types import Field, Flag, Mask, Scalar
 from jaxstab.loads import Load
 from jaxstab.stability.eigenpair import Eigenpair
 
+_MAX_STEPS = 2000
 # The least part of a branch's direction that is along the mode of a fold.
 _ALONG = 0.5
 # How far from where it was seen to lie a limit may be found, over how near that is known: what is
@@ -312,7 +312,7 @@ def _narrowed(
         width=width,
         length=jnp.minimum(next_length, jnp.maximum(width / 2, closest)),
         count=count,
-        is_open=new.is_on & ~is_bracketed & (count < MAX_STEPS),
+        is_open=new.is_on & ~is_bracketed & (count < _MAX_STEPS),
     )
 
 

@@ -7,12 +7,13 @@ from jax.scipy.special import betainc
 from jaxtyping import Array, Float
 
 from jaxstab.calibration.least_squares import FARTHEST, Curve, Measured
-from jaxstab.core.accuracy import NEGLIGIBLE
 from jaxstab.core.types import ArrayLike, Scalar
 from jaxstab.core.warn import warn
 
 # The chance of a normal error, or of a lower misfit by chance, below which a warning is given.
 _CHANCE = 1e-4
+# A misfit below this fraction of the measurements is rounding.
+_SMALLEST = 1e-5
 # A measurement is an outlier if leaving it out takes this part of the sum of squares away.
 _MOST = 0.9
 # A drift, an offset or a baseline is named if it would remove such a part of the sum of squares.
@@ -144,8 +145,7 @@ def _misfit(measured: Measured, fitted: Curve) -> np.ndarray:
 
 def _is_exact(measured: Measured, fitted: Curve) -> bool:
     misfit = np.linalg.norm(_misfit(measured, fitted))
-    negligible = NEGLIGIBLE[fitted.dtype.name]
-    return bool(misfit < negligible * np.linalg.norm(measured.deviation))
+    return bool(misfit < _SMALLEST * np.linalg.norm(measured.deviation))
 
 
 def outlier_of(measured: Measured, fitted: Curve, count: int, relief: Curve | None = None) -> str:

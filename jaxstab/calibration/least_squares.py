@@ -24,8 +24,10 @@ Rows = Float[Array, "loads parameters"]
 _DAMPING = 1e-2
 _FALL = 0.1
 _GROWTH = 5.0
-# The default tolerance of a logarithm, over its standard error, which counts up to one.
+# The default tolerance of a logarithm, over its standard error, which counts up to one; and
+# the least one.
 _PART_OF_ERROR = 1e-2
+_FINEST = 1e-6
 # The longest step in a logarithm, since slopes hold nearby only.
 _LONGEST = 1.0
 # Correlations of the misfit over so many loads count, if they exceed those of white noise so many
@@ -254,8 +256,7 @@ def minimise(problem: FitProblem, start: Values, held: Chosen, max_steps: ArrayL
         goal = problem.tolerance
         if goal is None:
             errors = jnp.sqrt(jnp.diag(next_.covariance)) * next_.unit
-            least = NEGLIGIBLE[errors.dtype.name]
-            goal = jnp.maximum(_PART_OF_ERROR * jnp.minimum(errors, 1), least)
+            goal = jnp.maximum(_PART_OF_ERROR * jnp.minimum(errors, 1), _FINEST)
         left = jnp.abs(next_.newton) * next_.unit
         change = jnp.abs(state.tried - point.free) * next_.unit
         is_finite = jnp.isfinite(point.loss)

@@ -30,6 +30,8 @@ _START = 0.1
 _STEP = 1.25
 # The part next to the first force is left out, since the force begins below the noise.
 _MARGIN = 0.2
+# A baseline that covers more of the points leaves no contact.
+_MOST = 0.95
 # The parts of the largest force, above the least, from which the contact point follows.
 _LOWER, _UPPER = 0.03, 0.6
 # A retraction has not detached if its far part rises by this part of the force range.
@@ -315,7 +317,7 @@ def _line(name: str, segment: Segment, is_tilted: bool) -> _Line:
     while (end := _free_of_force(line, height, force, block)) > number:
         number = min(end, int(_STEP * number) + 1)
         line = _fitted(height[:number], force[:number], is_tilted)
-    if number == count:
+    if number > _MOST * count:
         raise _NoBaseline(
             f"The {name} has no contact: all of its forces lie on one line, or none of them do. A "
             "baseline needs a part without force, at the far end, and a part in contact."

@@ -10,7 +10,7 @@ from jaxstab.branches.differentiable_limit import CriticalLoad, critical_load_at
 from jaxstab.branches.limit import Limit, limit_ahead
 from jaxstab.contact import Contact, require_contact
 from jaxstab.contact.resolution import FOR_JUMPS, warned_once
-from jaxstab.core.accuracy import EQUILIBRIUM, ROUGH
+from jaxstab.core.accuracy import EQUILIBRIUM
 from jaxstab.core.checks import scalar_parameter
 from jaxstab.core.compile import in_pieces, own_conventions, program
 from jaxstab.core.progress import progress_bar
@@ -26,6 +26,8 @@ from jaxstab.loading.record import Strongest, no_jump
 from jaxstab.loads import Load, MeanPressure, Spring
 from jaxstab.potentials.profile import HARDLY_ANY
 
+# Only the jump from the largest tension matters.
+_SMALLEST_JUMP = 1e-4
 # The largest attraction is known at some gaps only.
 _BEYOND = 1.01
 
@@ -96,8 +98,7 @@ def pull_off(
 def _search(contact: Contact, load: Load, start: Field) -> tuple[Limit, Equilibrium]:
     """Return the limit of the branch before the jump from the largest tension, and what remains."""
     resolution = EQUILIBRIUM[contact.heights.dtype.name]
-    # The steps only guide the search for the end of the branch.
-    load_path = load_path_of(contact, load, ROUGH, DISTURBANCE, resolution=resolution)
+    load_path = load_path_of(contact, load, _SMALLEST_JUMP, DISTURBANCE, resolution=resolution)
     ended, strongest = step_to_end(load_path, start, no_jump)
     jump = strongest.event
     before = load_path.at(jump.before.value)

@@ -28,8 +28,7 @@ from jaxstab.transitions.transition import largest_climb
 
 # Passes are computed at no more than so many loads.
 _MAX_PASSES = 40
-# Tensions within this part of the pull-off are the same: solvers round, and a jump there is the
-# detachment.
+# A jump within this part of the pull-off is the detachment. Paths go on beyond it by as much.
 SAME_LOAD = 1e-3
 # The error of a cubic over a part of an interval is at most this part of what one over the whole
 # missed at the pass between: the value, and the slope times the length of the part.

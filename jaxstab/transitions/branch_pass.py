@@ -18,7 +18,7 @@ import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 
-from jaxstab.branches.branch_steps import MAX_STEPS, BranchState, begin, next_state
+from jaxstab.branches.branch_steps import BranchState, begin, next_state
 from jaxstab.branches.curve import ContinuationProblem
 from jaxstab.branches.kinds import KINDS
 from jaxstab.contact import Contact
@@ -33,6 +33,8 @@ from jaxstab.loads import Load
 from jaxstab.transitions.saddle import Saddle, are_apart, minima_beside, no_saddle, saddle_near
 from jaxstab.transitions.string import Landscape
 
+# After so many steps a branch is followed no more.
+MAX_STEPS = 20_000
 # Sides of saddles: detached surfaces, the start, and one that is not known; minima follow them.
 _DETACHED = 0
 _START = 1

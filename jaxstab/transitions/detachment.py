@@ -39,6 +39,8 @@ from jaxstab.transitions.barrier_curve import SAME_LOAD, BarrierCurve
 _NEGLIGIBLE = 1e-4
 # Barriers are computed to this part of the thermal energy.
 _TOLERANCE = 0.02
+# A state is at the load if its mean pressure is within this part of the pull-off: solvers round.
+_AT_LOAD = 1e-4
 _SHOWN = 0.05, 0.5, 0.95
 
 
@@ -244,7 +246,7 @@ def detachment(
         first = -float(load.value)
         last = -float(limit.load.value)
         begin = -float(pressure)
-        if abs(begin - first) <= SAME_LOAD * last:
+        if abs(begin - first) <= _AT_LOAD * last:
             begin = first
         _require_between(load, first, begin, last)
         ends = MeanPressure(np.array([-begin, -(1 + SAME_LOAD) * last]))

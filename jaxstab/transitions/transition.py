@@ -11,7 +11,6 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from jaxstab.branches.branch_steps import MAX_STEPS
 from jaxstab.contact import Contact, require_contact
 from jaxstab.contact.resolution import FOR_JUMPS, warn_if_coarse
 from jaxstab.core.accuracy import NEGLIGIBLE
@@ -40,7 +39,7 @@ from jaxstab.equilibrium.equilibrium import State, detached_where, state_at
 from jaxstab.equilibrium.posing import finished, posed
 from jaxstab.equilibrium.start import start_of
 from jaxstab.loads import Load, MeanPressure, require_loads
-from jaxstab.transitions.branch_pass import Climb, Image, climbs_on_branch
+from jaxstab.transitions.branch_pass import MAX_STEPS, Climb, Image, climbs_on_branch
 from jaxstab.transitions.saddle import Saddle, minima_beside, no_saddle, saddle_near
 from jaxstab.transitions.string import Landscape, String, StringMethod
 

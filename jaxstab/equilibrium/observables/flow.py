@@ -13,7 +13,7 @@ from typing import Any, Literal
 import numpy as np
 from jaxtyping import Bool, Float
 
-from jaxstab.core.accuracy import EQUILIBRIUM, EXACT, NEGLIGIBLE
+from jaxstab.core.accuracy import EQUILIBRIUM, EXACT
 from jaxstab.core.optional_packages import are_installed, require_packages
 from jaxstab.core.results import SolverError
 from jaxstab.equilibrium.observables.clusters import clusters_of
@@ -29,6 +29,8 @@ _LARGE = 1 << 21
 _BALANCED = EXACT["float64"]
 _LIMIT = EQUILIBRIUM["float64"]
 _MAX_ROUNDS = 30
+# Two bounds of a conductance may differ by this part.
+_BOUNDS = 1e-7
 
 
 @dataclass(frozen=True)
@@ -157,7 +159,7 @@ def _require_bounds(links: _Faces, moved: _Field, flux: _Faces, side: int, step:
     from_drops = (links * drops**2).sum()
     is_open = links > 0
     lost = (flux[is_open] ** 2 / links[is_open]).sum()
-    if not abs(through**2 / lost - from_drops) <= NEGLIGIBLE["float64"] * from_drops:
+    if not abs(through**2 / lost - from_drops) <= _BOUNDS * from_drops:
         raise SolverError(
             f"The flow is not known well enough: its dissipation is {from_drops:.6e} by pressures "
             f"and {lost:.6e} by fluxes. Conductances differ by a factor of {_contrast(links):.1e}: "
