@@ -110,6 +110,54 @@ def test_the_labels_of_a_written_table_are_no_heights(separator, tmp_path):
     np.testing.assert_allclose(read.heights, HEIGHTS)
 
 
+SMOOTH = 0.02 * np.sin(np.arange(12.0))[:, None] + 0.3 * np.linspace(0, 1, 8)
+NOISY = np.random.default_rng(1).normal(size=(12, 8))
+LABELS = {
+    "pandas": range(8),
+    "spreadsheet": range(1, 9),
+    "floats": np.arange(8.0),
+    "coordinates": 0.25 * np.arange(8),
+}
+
+
+@pytest.mark.parametrize("heights", [SMOOTH, NOISY, NOISY[:, :4], 100 * SMOOTH - 7])
+@pytest.mark.parametrize("labels", LABELS)
+def test_labels_above_or_beside_heights_are_refused_whatever_the_heights(labels, heights, tmp_path):
+    columns = list(LABELS[labels])[: heights.shape[1]]
+    pd.DataFrame(heights, columns=columns).to_csv(tmp_path / "row.csv", index=False)
+    pd.DataFrame(heights.T, index=columns).to_csv(tmp_path / "column.csv", header=False)
+    for name in ("row", "column"):
+        with pytest.raises(ValueError, match=rf"first {name} (counts|rises).*numpy\.save"):
+            js.surfaces.read(tmp_path / f"{name}.csv", lengths=(8, 6))
+
+
+def test_the_labels_of_few_columns_are_no_points(tmp_path):
+    x = 0.25 * np.arange(12)
+    points = np.array([(a, b, NOISY[i, j]) for i, a in enumerate(x) for j, b in enumerate(x[:8])])
+    for table in (NOISY[:, :1], np.column_stack([x + 0.5, NOISY[:, 0]]), points, NOISY[:1]):
+        pd.DataFrame(table).to_csv(tmp_path / "labelled.csv", index=False)
+        with pytest.raises(ValueError, match="first row counts from 0"):
+            js.surfaces.read(tmp_path / "labelled.csv", lengths=3.0)
+
+
+@pytest.mark.parametrize(
+    "heights",
+    [
+        SMOOTH,
+        # Planes, one in counts of a converter, and a surface that is flat but for its noise.
+        np.add.outer(np.arange(12), np.arange(8)),
+        0.3 * np.arange(8) + 1e-4 * NOISY,
+        np.add.outer(3 * np.arange(12), np.arange(1, 9)),
+        np.outer(1 + np.linspace(0, 1, 12), np.arange(8.0)),
+    ],
+)
+@pytest.mark.parametrize("form", ["%.18e", "%g"])
+def test_tilted_heights_are_no_labels(heights, form, tmp_path):
+    np.savetxt(tmp_path / "heights.txt", heights, form)
+    read = js.surfaces.read(tmp_path / "heights.txt", lengths=(1200, 800))
+    np.testing.assert_allclose(read.heights, heights, rtol=1e-4, atol=1e-5)
+
+
 def test_numbers_of_points_are_no_lengths(tmp_path):
     file = tmp_path / "profile.txt"
     pd.Series(HEIGHTS[:, 0]).to_csv(file, header=False, sep=" ")

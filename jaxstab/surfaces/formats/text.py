@@ -14,8 +14,12 @@ from jaxstab.surfaces.formats.scan import (
     on_lattice,
 )
 
-# Heights of smaller tables may rise evenly by chance.
+# Heights of smaller tables may rise evenly by chance, along both sides and along one.
 _FEWEST_WITH_COORDINATES = 5
+_FEWEST_IN_STEPS = 4
+# Two columns are points x z, three are x y z.
+_MOST_COORDINATES = 3
+_INTEGER = re.compile(r"[-+]?\d+")
 # A header has a comment with a number or a unit of length, as `Width: 3 µm` and `w = 12`.
 _HEADER = re.compile(
     r"^\s*[#%].*\w\s*[:=\uff1a]\s*(?=\S)(\d+([.,]\d+)?(e[-+]?\d+)?)?\s*([kmnpµu\u03bc]?m)?\s*$",
@@ -57,23 +61,53 @@ def read_text(text: str, channel: str | None) -> Scan:
     except ValueError as error:
         raise UnknownContent(
             f"numpy.loadtxt finds no matrix in it: {str(error).rstrip('.')}. Write numbers alone, "
-            "with decimal points and nan for a missing point, or read them yourself for "
-            "js.surfaces.Topography."
+            "with decimal points and nan for a missing point, begin a line of titles with #, or "
+            "read them yourself for js.surfaces.Topography."
         ) from None
-    numbered = _numbered(table)
-    if numbered:
+    texts = [[text.strip() for text in line.split(separator)] for line in lines]
+    if labels := _labels(table, texts):
         raise ValueError(
-            f"its first {numbered} counts 0, 1, 2, ...: these look like the labels of a table, and "
-            "no heights. Save the heights alone, as pandas' `to_csv(index=False, header=False)`."
+            f"{labels}: these look like the labels of a table, and no heights. Save the heights "
+            "alone, as pandas' `to_csv(index=False, header=False)`; if they are heights, save them "
+            "by `numpy.save`."
         )
-    if len(table) > 1 and table.shape[1] in (2, 3):
+    if len(table) > 1 and table.shape[1] in (2, _MOST_COORDINATES):
         return _of_points(table)
-    if _has_coordinates(table):
-        raise ValueError(
-            "its first row and its first column look like coordinates: save the heights alone, or "
-            "points x y z."
-        )
     return Scan(on_a_side_or_two(table))
+
+
+def _labels(table: np.ndarray, texts: list[list[str]]) -> str:
+    """Return which numbers are the labels of the others; nothing if all are heights or points."""
+    sides = {"row": (table, texts[0], texts[1:])}
+    is_matrix = len(table) == 1 or table.shape[1] > _MOST_COORDINATES
+    if is_matrix:
+        if _has_coordinates(table):
+            return "its first row and its first column look like coordinates"
+        sides["column"] = (table.T, [row[0] for row in texts], [row[1:] for row in texts])
+    for name, (lines, first, others) in sides.items():
+        if len(lines) > 1 and _counts(first, others):
+            return f"its first {name} counts from 0"
+        if len(lines) > 1 and is_matrix and _stands_apart(lines):
+            return f"its first {name} rises evenly from {lines[0, 0]:g}, unlike the next one"
+    return ""
+
+
+def _counts(first: list[str], others: list[list[str]]) -> bool:
+    """Whether a line is 0, 1, 2, ... beside numbers that are all written with decimals."""
+    if first != [str(i) for i in range(len(first))]:
+        return False
+    return not any(_INTEGER.fullmatch(text) for line in others for text in line)
+
+
+def _stands_apart(lines: np.ndarray) -> bool:
+    """Whether the first line rises evenly, while the next one has other steps.
+
+    A tilted surface rises evenly in all of its lines.
+    """
+    if lines.shape[1] < _FEWEST_IN_STEPS or not _rises(lines[0]):
+        return False
+    step = np.diff(lines[0]).mean()
+    return not (np.abs(np.diff(lines[1]) - step) <= step / 2).all()
 
 
 def _has_coordinates(table: np.ndarray) -> bool:
@@ -83,18 +117,6 @@ def _has_coordinates(table: np.ndarray) -> bool:
         return False
     # A plane rises evenly everywhere.
     return _rises(table[0, 1:]) and _rises(table[1:, 0]) and not _rises(table[1, 1:])
-
-
-def _numbered(table: np.ndarray) -> str:
-    """Return "row" or "column" if the first one numbers the others, unless all rise so."""
-    for name, lines in (("row", table), ("column", table.T)):
-        if len(lines) < 2 or lines.shape[1] < _FEWEST_WITH_COORDINATES:
-            continue
-        is_profile = name == "column" and len(lines) in (2, 3)
-        is_counted = np.array_equal(lines[0], np.arange(lines.shape[1]))
-        if is_counted and not _rises(lines[1]) and not is_profile:
-            return name
-    return ""
 
 
 def _rises(values: np.ndarray) -> bool:
