@@ -1,5 +1,7 @@
 """The branch of equilibria from one load to another, around its folds and active-set changes."""
 
+from __future__ import annotations
+
 import math
 from dataclasses import replace
 from functools import partial

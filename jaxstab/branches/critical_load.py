@@ -7,6 +7,8 @@ At a fold the smallest eigenvalue on the free points vanishes, and the branch tu
 At a release the reaction of a contact point vanishes instead, and the energy falls as it opens.
 """
 
+from __future__ import annotations
+
 from dataclasses import replace
 from functools import partial
 

@@ -1,5 +1,7 @@
 """The fit of an interaction law and a modulus to a measured curve of force over distance."""
 
+from __future__ import annotations
+
 from dataclasses import replace
 from typing import Any, Literal, NamedTuple
 

@@ -1,5 +1,7 @@
 """Fits to several force curves, of a file or of the pixels of a map."""
 
+from __future__ import annotations
+
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -88,7 +90,7 @@ class Calibrations:
         """Return the standard error of a fitted parameter, arranged as its `values`."""
         return self._arranged(name, 1)
 
-    def with_error_of_grid(self, other: "Calibrations") -> "Calibrations":
+    def with_error_of_grid(self, other: Calibrations) -> Calibrations:
         """Return the fits with the errors of the grid, as `Calibration.with_error_of_grid`.
 
         A curve without a fit on either grid has none.

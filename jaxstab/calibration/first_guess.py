@@ -1,5 +1,7 @@
 """The contact from which the fit of a force curve starts, by a fit of a closed form."""
 
+from __future__ import annotations
+
 from collections.abc import Callable
 from typing import NamedTuple
 
@@ -55,7 +57,7 @@ class _Sphere(NamedTuple):
         """Return Tabor's parameter, one between JKR and DMT."""
         return float(np.cbrt(radius * (self.work / self.contact_modulus) ** 2)) / self.range
 
-    def changed(self, values: np.ndarray, unit: float) -> "_Sphere":
+    def changed(self, values: np.ndarray, unit: float) -> _Sphere:
         """Return the sphere with changed logarithms, and a contact point so many units further.
 
         All changes are of the order of one, as the finite differences of a fit assume.

@@ -35,12 +35,26 @@ def with_prefixes(unit: str, *prefixes: str) -> dict[str, int]:
     return {f"{prefix}{unit}": powers[prefix] for prefix in prefixes or powers}
 
 
-LENGTHS = with_prefixes("m", "k", "", "m", "µ", "n") | {"Å": -10} | with_prefixes("m", "p")
+LENGTHS = (
+    with_prefixes("m", "k", "")
+    | {"cm": -2}
+    | with_prefixes("m", "m", "µ", "n")
+    | {"Å": -10}
+    | with_prefixes("m", "p")
+)
 PRESSURES = with_prefixes("Pa", "", "k", "M", "G", "T")
 FORCES = with_prefixes("N")
 _ENERGIES = with_prefixes("J")
 # Words and spellings of other programs.
-_WORDS = {"kilo": "km", "": "m", "milli": "mm", "micro": "µm", "nano": "nm", "pico": "pm"}
+_WORDS = {
+    "kilo": "km",
+    "": "m",
+    "centi": "cm",
+    "milli": "mm",
+    "micro": "µm",
+    "nano": "nm",
+    "pico": "pm",
+}
 _NAMES = {
     f"{prefix}{word}{plural}": unit
     for prefix, unit in _WORDS.items()
@@ -249,7 +263,7 @@ def unit_of(name: object) -> str:
     if unit not in LENGTHS:
         raise ValueError(
             f"the unit is {name!r}: choose one of {', '.join(LENGTHS)}, and convert the lengths to "
-            "it, as from inches or centimetres to mm."
+            "it, as from inches to mm."
         )
     return unit
 

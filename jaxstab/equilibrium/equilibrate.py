@@ -1,5 +1,7 @@
 """The equilibrium of a contact under a load, by any of the solvers beside this file."""
 
+from __future__ import annotations
+
 from dataclasses import replace
 from functools import partial
 

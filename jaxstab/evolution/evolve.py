@@ -1,5 +1,7 @@
 """A viscoelastic contact in time, under a load with one value for each time."""
 
+from __future__ import annotations
+
 from dataclasses import replace
 from typing import Any
 

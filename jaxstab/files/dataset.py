@@ -1,5 +1,7 @@
 """Results as labelled data sets of xarray."""
 
+from __future__ import annotations
+
 import json
 import platform
 from collections.abc import Mapping, Sequence
@@ -102,7 +104,7 @@ _OWN_AXES: Mapping[type, Mapping[str, tuple[str, ...]]] = {
 }
 
 
-def to_dataset(contact: Contact, result: Result, *, fields: bool = True) -> "xarray.Dataset":
+def to_dataset(contact: Contact, result: Result, *, fields: bool = True) -> xarray.Dataset:
     """Return a result as a data set with named dimensions, coordinates, units and long names.
 
     Fields have the dimensions x and y. The states of a sweep have the dimension `load`, the states
@@ -251,7 +253,7 @@ def _variable(record: NamedArray, contact: Contact, load: Load | None) -> Variab
 
 
 def _coordinates(
-    contact: Contact, indicators: dict[str, list[str]], dataset: "xarray.Dataset"
+    contact: Contact, indicators: dict[str, list[str]], dataset: xarray.Dataset
 ) -> dict[str, object]:
     grid = contact.grid
     unit = unit_symbol(contact.units, LENGTH)

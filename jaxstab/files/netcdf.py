@@ -1,5 +1,7 @@
 """Results on disk, as NetCDF."""
 
+from __future__ import annotations
+
 import json
 import os
 import zlib
@@ -153,7 +155,7 @@ def attributes_of(path: str | Path) -> dict[str, str] | None:
         return dict(dataset.attrs)
 
 
-def _arrays(dataset: "xarray.Dataset") -> dict[str, np.ndarray]:
+def _arrays(dataset: xarray.Dataset) -> dict[str, np.ndarray]:
     return {str(name): np.asarray(array) for name, array in dataset.variables.items()}
 
 
@@ -181,7 +183,7 @@ def _damaged(arrays: dict[str, np.ndarray], attributes: dict[str, str]) -> list[
     return [name for name in found if name in written and written[name] != found[name]]
 
 
-def _encoding(dataset: "xarray.Dataset") -> dict[Hashable, dict[str, object]]:
+def _encoding(dataset: xarray.Dataset) -> dict[Hashable, dict[str, object]]:
     # Numbers as they are: no value stands for a missing one.
     plain: dict[str, object] = {"_FillValue": None}
     packed = {**plain, "fletcher32": True, "zlib": True, "complevel": 1, "shuffle": True}
@@ -195,7 +197,7 @@ def _encoding(dataset: "xarray.Dataset") -> dict[Hashable, dict[str, object]]:
 
 
 @contextmanager
-def _opened(path: Path) -> Iterator["xarray.Dataset"]:
+def _opened(path: Path) -> Iterator[xarray.Dataset]:
     """Open a NetCDF file; `ValueError` if it is damaged where it is read."""
     require_packages("NetCDF files", "data", *NETCDF)
     import xarray

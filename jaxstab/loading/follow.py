@@ -1,5 +1,7 @@
 """The path of a contact along a load path, through its jumps."""
 
+from __future__ import annotations
+
 from dataclasses import replace
 from functools import partial
 

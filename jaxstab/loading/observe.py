@@ -1,5 +1,7 @@
 """Observables beside the states of a path or a sweep."""
 
+from __future__ import annotations
+
 from collections.abc import Callable
 from dataclasses import fields
 from functools import partial

@@ -1,5 +1,7 @@
 """The pull-off: the largest tension that a contact survives as it is unloaded."""
 
+from __future__ import annotations
+
 from dataclasses import replace
 
 import equinox as eqx

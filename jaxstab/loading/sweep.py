@@ -1,5 +1,7 @@
 """Equilibrium and stability at many loads: each from the same start, or from the one before."""
 
+from __future__ import annotations
+
 from collections.abc import Callable
 from functools import partial
 from typing import Literal
@@ -161,7 +163,7 @@ class _Last(eqx.Module):
     is_apart: Flag
 
     @classmethod
-    def of(cls, contact: Contact, load: Load, initial: Initial) -> "_Last":
+    def of(cls, contact: Contact, load: Load, initial: Initial) -> _Last:
         """Return where the first load starts."""
         no, yes = jax.device_put((False, True))
         if initial is None:

@@ -1,5 +1,7 @@
 """Branches of equilibria, stable or not, and the passes between two of them."""
 
+from __future__ import annotations
+
 import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes

@@ -1,5 +1,7 @@
 """Curves: interaction laws, the steps of an eigensolver, states over the load, power spectra."""
 
+from __future__ import annotations
+
 from collections.abc import Callable, Sequence
 
 import numpy as np

@@ -1,5 +1,7 @@
 """Viscoelastic contacts in time."""
 
+from __future__ import annotations
+
 from collections.abc import Sequence
 from typing import Literal
 

@@ -1,5 +1,7 @@
 """Fields over the surface: maps, or profiles on a line."""
 
+from __future__ import annotations
+
 from collections.abc import Sequence
 from typing import Any
 

@@ -1,5 +1,7 @@
 """Observables of a contact: patches, flow through the gap, distributions of pressures and gaps."""
 
+from __future__ import annotations
+
 from typing import Literal
 
 import numpy as np

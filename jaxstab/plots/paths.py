@@ -1,5 +1,7 @@
 """The states along a path, and its jumps."""
 
+from __future__ import annotations
+
 from textwrap import fill
 from typing import Literal
 

@@ -1,5 +1,7 @@
 """Evaluation of a law and its derivatives, by automatic differentiation, on a field of gaps."""
 
+from __future__ import annotations
+
 from functools import partial
 
 import equinox as eqx

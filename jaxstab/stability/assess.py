@@ -1,5 +1,7 @@
 """The stability of an equilibrium, from the smallest eigenvalues of its energy's Hessian."""
 
+from __future__ import annotations
+
 from dataclasses import replace
 from typing import Protocol, runtime_checkable
 

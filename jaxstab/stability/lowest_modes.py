@@ -1,5 +1,7 @@
 """The lowest modes of an equilibrium on a linear space."""
 
+from __future__ import annotations
+
 from dataclasses import replace
 from functools import partial
 from typing import Literal

@@ -1,5 +1,7 @@
 """The test of a verdict: perturb an equilibrium along a mode, and see where it goes."""
 
+from __future__ import annotations
+
 from dataclasses import replace
 
 import jax.numpy as jnp

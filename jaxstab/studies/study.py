@@ -1,5 +1,7 @@
 """The public function: a study, from its axes to its data set."""
 
+from __future__ import annotations
+
 import difflib
 import hashlib
 import inspect
@@ -51,7 +53,7 @@ def study(
     retry: bool = False,
     accept_changes: bool = False,
     progress: bool | None = None,
-) -> "xarray.Dataset":
+) -> xarray.Dataset:
     """Run a function for each case of a study, and keep each result in a separate NetCDF file.
 
     A case is done once its file is in the folder, and never runs again: however a call ends,
@@ -294,7 +296,7 @@ def _blank(name: str, variables: Sequence[Variable]) -> Variable:
 
 def _dataset(
     cases: Cases, axes: Mapping[str, Any], found: Mapping[Path, Variables | None], blank: Variables
-) -> "xarray.Dataset":
+) -> xarray.Dataset:
     """Return the cases in the order of the axes; large fields are read on access."""
     import dask.array
     import xarray

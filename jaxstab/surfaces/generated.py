@@ -1,5 +1,7 @@
 """Generated rough surfaces: waves and self-affine surfaces."""
 
+from __future__ import annotations
+
 from collections.abc import Sequence
 from functools import partial
 

@@ -1,5 +1,7 @@
 """The lowest pass out of a state, found by pushes along its modes."""
 
+from __future__ import annotations
+
 import jax
 import jax.numpy as jnp
 from jaxtyping import PRNGKeyArray

@@ -1,5 +1,6 @@
 """The README's example and the pages of the documentation, run as a reader would."""
 
+import inspect
 import linecache
 import re
 import shutil
@@ -126,6 +127,17 @@ def test_the_reference_has_all_that_is_public_once():
     for name in names:
         assert public_names.resolve(name).__doc__
     assert set(pages["index"].split()) >= set(pages) - {"index"}
+
+
+def test_signatures_as_help_prints_them_are_short():
+    public_names = load(DOCS / "_extensions" / "public_names.py")
+    public = public_names.everything()
+    functions = {name: item for name, item in public.items() if inspect.isroutine(item)}
+    assert {"jaxstab.calibrate", "jaxstab.sweep"} <= set(functions)
+    lengths = {name: len(str(inspect.signature(item))) for name, item in functions.items()}
+    # `calibrate` has 16 arguments, the others fewer.
+    too_long = {name: n for name, n in lengths.items() if n > 450}
+    assert list(too_long) == ["jaxstab.calibrate"] and too_long["jaxstab.calibrate"] < 600
 
 
 def test_each_result_has_a_cause_a_cure_and_a_page():

@@ -174,12 +174,27 @@ def test_numbers_of_points_are_no_lengths(tmp_path):
 
 
 @pytest.mark.parametrize(
-    "name, unit", [("micrometer", "µm"), ("Metres", "m"), ("angstrom", "Å"), ("micron", "µm")]
+    "name, unit",
+    [
+        ("micrometer", "µm"),
+        ("Metres", "m"),
+        ("angstrom", "Å"),
+        ("micron", "µm"),
+        ("cm", "cm"),
+        ("centimetres", "cm"),
+    ],
 )
 def test_units_have_their_usual_names(name, unit):
     assert js.Contact(js.HalfSpace(GRID, 1.0), HEIGHTS, LAW, unit=name).unit == unit
-    with pytest.raises(ValueError, match=r"'cm': choose one of km, m, mm.*convert"):
-        js.Contact(js.HalfSpace(GRID, 1.0), HEIGHTS, LAW, unit="cm")
+    with pytest.raises(ValueError, match=r"'inches': choose one of km, m, cm, mm.*convert"):
+        js.Contact(js.HalfSpace(GRID, 1.0), HEIGHTS, LAW, unit="inches")
+
+
+def test_lengths_in_centimetres_are_converted(tmp_path):
+    np.savez(tmp_path / "scan.npz", heights=HEIGHTS, lengths=(8.0, 6.0), unit="cm")
+    metres = js.surfaces.read(tmp_path / "scan.npz").in_unit("m")
+    np.testing.assert_allclose(metres.lengths, [0.08, 0.06])
+    np.testing.assert_allclose(metres.heights, HEIGHTS / 100, rtol=1e-15)
 
 
 def test_a_data_set_of_hdf5_is_a_plain_array(tmp_path):

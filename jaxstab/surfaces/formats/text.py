@@ -22,7 +22,7 @@ _MOST_COORDINATES = 3
 _INTEGER = re.compile(r"[-+]?\d+")
 # A header has a comment with a number or a unit of length, as `Width: 3 µm` and `w = 12`.
 _HEADER = re.compile(
-    r"^\s*[#%].*\w\s*[:=\uff1a]\s*(?=\S)(\d+([.,]\d+)?(e[-+]?\d+)?)?\s*([kmnpµu\u03bc]?m)?\s*$",
+    r"^\s*[#%].*\w\s*[:=\uff1a]\s*(?=\S)(\d+([.,]\d+)?(e[-+]?\d+)?)?\s*([kcmnpµu\u03bc]?m)?\s*$",
     re.MULTILINE | re.IGNORECASE,
 )
 # A line that names the columns of points, as programs write it above their numbers.
