@@ -61,6 +61,7 @@ def recorded(
     drift=0.5,
     tilt=2e-3,
     offsets=(0.3, 0.4),
+    force_drift=0.0,
     noise=0.05,
     points=2000,
     speed=100.0,
@@ -72,7 +73,7 @@ def recorded(
     The tip jumps where the cantilever is softer than the law. Before the first indentation no force
     acts; a law that begins with a pull-off is one of contact, which the approach meets at no
     indentation. Heights are off by the contact point, and by a drift
-    from the end of the approach; forces by an offset of each segment, a tilt and noise.
+    from the end of the approach; forces by an offset of each segment, a tilt, a drift and noise.
     """
     random = np.random.default_rng(seed)
     indentation, force = law
@@ -99,6 +100,7 @@ def recorded(
         above = own - drift * time[is_part]
         true = np.interp(above, *(down if part == "approach" else up), right=0.0)
         total = true + offsets[number] + tilt * own + noise * random.normal(size=own.size)
+        total += force_drift * time[is_part]
         segments.append(
             js.force_curves.Segment(
                 force=total,

@@ -24,18 +24,25 @@ _WEIGHINGS = 10
 _FACTOR_ERROR = 0.25
 # The blocks of points over which noise may be correlated.
 _BLOCKS = 20
-# The search for the part without force starts from this part of the heights, at the far end, and
-# goes on by this factor at most, so that it extrapolates little.
-_START = 0.1
+# The search for the part without force starts from one of these parts of the heights, at the far
+# end, and goes on by this factor at most, so that it extrapolates little.
+_STARTS = 0.1, 0.05, 0.025
 _STEP = 1.25
+# A line has a good length if it goes on beyond its start by this factor. The outer half of a
+# shorter one must foretell the inner half.
+_GOOD = 1.5
+# A baseline over a smaller part of the heights may be the least force of a tip that still adheres.
+_SHORT = 0.15
 # The part next to the first force is left out, since the force begins below the noise.
 _MARGIN = 0.2
 # A baseline that covers more of the points leaves no contact.
 _MOST = 0.95
-# The parts of the largest force, above the least, from which the contact point follows.
+# The parts of the largest force, above the least, from which the contact point follows; and two
+# other lower ones, from which it would follow as well if the theory held.
 _LOWER, _UPPER = 0.03, 0.6
-# A retraction has not detached if its far part rises by this part of the force range.
-_ATTACHED = 0.25
+_OTHERS = 0.1, 0.2
+# The contact lies beyond all of these parts: what moves their zeros moves it so many times as far.
+_BEYOND = 2.0
 # A drift is slower than this part of the speed of the cantilever: more is hysteresis.
 _SLOW = 0.01
 
@@ -130,13 +137,17 @@ class Correction:
 
 @dataclass(frozen=True)
 class _Line:
-    """A baseline by its force at a height, its slope, and their covariance."""
+    """A baseline by its force at a height, its slope, and their covariance.
+
+    The length is the part of the heights of its segment, from the far end.
+    """
 
     height: float
     coefficients: np.ndarray
     covariance: np.ndarray
     noise: float
     number: int
+    length: float
 
     def forces(self, height: np.ndarray) -> np.ndarray:
         """Return the forces of the line at heights."""
@@ -160,6 +171,10 @@ class _NoBaseline(ValueError):
     """A segment has no part that is free of force, or no other."""
 
 
+class _TooFew(ValueError):
+    """Too few points tell the contact point."""
+
+
 def correct(
     segments: Mapping[str, Segment], constant: float | None, is_tilted: bool
 ) -> tuple[dict[str, Segment], Correction, tuple[str, ...]]:
@@ -175,9 +190,14 @@ def correct(
     lines = {ends[0]: main}
     remarks = []
     if len(ends) == 2:
-        lines["retraction"] = _line_of_retraction(segments, main, is_tilted)
+        lines["retraction"] = _line_of_retraction(segments["retraction"], main, is_tilted)
         if lines["retraction"] is main:
             remarks.append("retraction not detached: corrected by the baseline of the approach")
+    elif ends[0] == "retraction" and main.length < _SHORT:
+        remarks.append(
+            f"retraction flat over the far {main.length:.0%} of its heights alone, taken as the "
+            "baseline: a tip that still adheres there would look alike"
+        )
     flat = {
         name: _moved(
             replace(segment, force=segment.force - lines.get(name, main).forces(segment.height)),
@@ -212,6 +232,8 @@ def correct(
     contact, contact_error = _with_zeros(
         lambda shifted: _contact(shifted[ends[0]], constant, main.noise), flat, lines, constant
     )
+    misfit = _misfit_of_theory(flat[ends[0]], constant, main.noise, contact)
+    contact_error = float(np.hypot(contact_error, misfit))
     flat = {name: _moved(segment, constant, contact) for name, segment in flat.items()}
     correction = replace(
         _removed(lines, contact),
@@ -297,7 +319,7 @@ def _speed(segment: Segment, clock: np.ndarray) -> float:
 
 
 def _line(name: str, segment: Segment, is_tilted: bool) -> _Line:
-    """Return the baseline of a segment.
+    """Return the baseline of a segment, which its own far part tells.
 
     From the far end, the part without force is extended as long as means over blocks of points stay
     on the line through it.
@@ -310,19 +332,51 @@ def _line(name: str, segment: Segment, is_tilted: bool) -> _Line:
     force = segment.force[is_present]
     if height[0] < height[-1]:
         height, force = height[::-1], force[::-1]
-    block = min(max(count // 100, 3), 200)
-    is_far = height > height.max() - _START * np.ptp(height)
+    reason = ""
+    for start in _STARTS:
+        line = _extended(height, force, start, is_tilted)
+        if not (reason := _contradiction(line, height, force, start, is_tilted)):
+            return line
+    raise _NoBaseline(
+        f"The {name} has no baseline or no contact: {reason}. It needs a part without force, at "
+        "the far end, and a part in contact."
+    )
+
+
+def _extended(height: np.ndarray, force: np.ndarray, start: float, is_tilted: bool) -> _Line:
+    """Return the line through the far end that starts from a part of the heights."""
+    block = min(max(len(force) // 100, 3), 200)
+    is_far = height > height.max() - start * np.ptp(height)
     number = max(int(np.argmin(is_far)), _FEWEST // 4, 4 * block)
-    line = _fitted(height[:number], force[:number], is_tilted)
+    line = _fitted(height, force, number, is_tilted)
     while (end := _free_of_force(line, height, force, block)) > number:
         number = min(end, int(_STEP * number) + 1)
-        line = _fitted(height[:number], force[:number], is_tilted)
-    if number > _MOST * count:
-        raise _NoBaseline(
-            f"The {name} has no contact: all of its forces lie on one line, or none of them do. A "
-            "baseline needs a part without force, at the far end, and a part in contact."
-        )
+        line = _fitted(height, force, number, is_tilted)
     return line
+
+
+def _contradiction(
+    line: _Line, height: np.ndarray, force: np.ndarray, start: float, is_tilted: bool
+) -> str:
+    """Return why a line through the far end is no baseline, empty if it is one."""
+    if line.number > _MOST * len(force):
+        return "its forces lie on one line"
+    deepest = int(np.argmin(height))
+    rise = line.coefficients[1] * (height[line.number - 1] - height[deepest])
+    # The farther a line is extrapolated, the flatter it must be.
+    if abs(rise) > line.length * abs(force[deepest] - line.forces(height[deepest])):
+        return "the forces of its far part rise as those in contact do"
+    far = slice(line.number)
+    if line.length < _GOOD * start and not _is_straight(height[far], force[far], is_tilted):
+        return "the forces of its far part bend"
+    return ""
+
+
+def _is_straight(height: np.ndarray, force: np.ndarray, is_tilted: bool) -> bool:
+    """Whether the line through the outer half of forces foretells the inner half."""
+    half = len(force) // 2
+    line = _fitted(height, force, half, is_tilted)
+    return _free_of_force(line, height, force, max(half // _BLOCKS, 1)) == len(force)
 
 
 def _free_of_force(line: _Line, height: np.ndarray, force: np.ndarray, block: int) -> int:
@@ -339,7 +393,10 @@ def _free_of_force(line: _Line, height: np.ndarray, force: np.ndarray, block: in
     return int((1 - _MARGIN) * np.argmax(is_force) * block)
 
 
-def _fitted(height: np.ndarray, force: np.ndarray, is_tilted: bool) -> _Line:
+def _fitted(heights: np.ndarray, forces: np.ndarray, number: int, is_tilted: bool) -> _Line:
+    """Return the line through so many points from the far end."""
+    height = heights[:number]
+    force = forces[:number]
     middle = height.mean()
     columns = np.stack([np.ones_like(height), height - middle], axis=1)[:, : 1 + is_tilted]
     found = np.zeros(2)
@@ -348,7 +405,8 @@ def _fitted(height: np.ndarray, force: np.ndarray, is_tilted: bool) -> _Line:
     found[used] = np.linalg.lstsq(columns, force, rcond=None)[0]
     misfit = force - columns @ found[used]
     covariance[used, used] = np.linalg.inv(columns.T @ columns) * _variance(misfit, 1 + is_tilted)
-    return _Line(middle, found, covariance, float(np.std(misfit)), len(force))
+    length = float(np.ptp(height) / np.ptp(heights))
+    return _Line(middle, found, covariance, float(np.std(misfit)), number, length)
 
 
 def _variance(misfit: np.ndarray, freedom: int) -> float:
@@ -363,18 +421,21 @@ def _variance(misfit: np.ndarray, freedom: int) -> float:
     return max(variance, block * float(np.sum(means**2)) / max(len(means) - freedom, 1))
 
 
-def _line_of_retraction(segments: Mapping[str, Segment], approach: _Line, is_tilted: bool) -> _Line:
-    """Return the baseline of the retraction, or of the approach if it does not detach.
+def _line_of_retraction(segment: Segment, approach: _Line, is_tilted: bool) -> _Line:
+    """Return the baseline of the retraction, or of the approach if it has not detached.
 
-    It does not if no part of it lies on a line, or on one with another slope.
+    It has not if its far part is no baseline. A force that is flat over a good length is one of no
+    contact, however far the forces have drifted; over a shorter one it may be the pull-off.
     """
-    segment = segments["retraction"]
     try:
         line = _line("retraction", segment, is_tilted)
     except _NoBaseline:
         return approach
-    apart = abs(line.coefficients[1] - approach.coefficients[1]) * np.ptp(_known(segment.height))
-    if apart > _ATTACHED * np.ptp(_known(segments["approach"].force)):
+    far = np.max(_known(segment.height))
+    level = float(line.forces(far) - approach.forces(far))
+    apart = segment.force - approach.forces(segment.height)
+    is_lowest = level < min(-SIGNIFICANT * line.noise, np.nanmin(apart) / 2)
+    if line.length < _SHORT and is_lowest:
         return approach
     return line
 
@@ -477,16 +538,18 @@ def _drift(
     return float(found[-1] / unit), float(np.sqrt(covariance[-1, -1]) / unit)
 
 
-def _contact(segment: Segment, constant: float, noise: float) -> tuple[float, float]:
+def _contact(
+    segment: Segment, constant: float, noise: float, lower: float = _LOWER
+) -> tuple[float, float]:
     """Return the contact point d of F = K (d - tip)^(3/2) - F_0, with its error.
 
     The tip position is fitted by d - ((F + F_0) / K)^(2/3), with F_0 near the least force. An error
     of the force moves the tip position by 1 / spring constant, and the curve by 1 / its slope: the
     weights allow for both.
     """
-    force, tip, _, attraction, error = _pressed(segment, _LOWER, _UPPER, noise)
+    force, tip, _, attraction, error = _pressed(segment, lower, _UPPER, noise)
     if len(force) < _FEWEST // 4:
-        raise ValueError(
+        raise _TooFew(
             f"Only {len(force)} points lie in the lower part of the contact, from which its zero "
             "follows: measure more slowly, or with more points."
         )
@@ -507,9 +570,27 @@ def _contact(segment: Segment, constant: float, noise: float) -> tuple[float, fl
         rows = np.vstack([weights[:, None] * columns, [0, 0, prior]])
         values = np.append(weights * (tip + moved * found[2]), prior)
         found = np.linalg.lstsq(rows, values, rcond=None)[0]
+        # A misfit beyond the noise makes the factor no better known.
+        prior = max(noise, float(np.std((values - rows @ found)[:-1]))) / _FACTOR_ERROR
     misfit = (values - rows @ found)[:-1]
     variance = np.linalg.inv(rows.T @ rows)[0, 0] * _variance(misfit, 3)
     return float(found[0]), float(np.sqrt(variance))
+
+
+def _misfit_of_theory(segment: Segment, constant: float, noise: float, contact: float) -> float:
+    """Return how far other parts of the curve move the contact point, beyond chance.
+
+    A long attraction or repulsion, or another shape of the tip, bends the lowest part.
+    """
+    away = 0.0
+    for lower in _OTHERS:
+        try:
+            other, error = _contact(segment, constant, noise, lower)
+        except _TooFew:
+            continue
+        # Fits to a part and to the whole differ by chance by less than the error of the first.
+        away = max(away, (other - contact) ** 2 - error**2)
+    return _BEYOND * float(np.sqrt(away))
 
 
 def _with_error(value: float, error: float) -> str:

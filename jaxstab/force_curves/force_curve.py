@@ -90,13 +90,15 @@ class ForceCurve:
         """Remove the baseline of the forces, and count heights from the contact point.
 
         - The baseline is a line through the forces of each segment over the height, fitted from the
-          far end to where a force first exceeds the noise.
+          far end to where a force first exceeds the noise. A retraction whose far part bends, or
+          rises as in contact, has not detached: it has the baseline of the approach.
         - The drift is the speed at which heights of equal force move in the contact, from approach
           to retraction. It is removed if it is below 1 % of the speed of the approach: more is
           hysteresis of the sample, which stays.
         - The contact point is d in F = K (d - tip)^(3/2) - F_0, fitted to the lower part of the
           approach: the theory of Derjaguin, Muller and Toporov, for a paraboloid. It is a start for
-          a fit of the contact, as by `jaxstab.calibrate`.
+          a fit of the contact, as by `jaxstab.calibrate`. Its error includes how far it moves if
+          forces below a tenth or a fifth of the largest are left out.
 
         Without a spring constant the baseline alone is removed. `print` shows the numbers with
         their standard errors, which allow for noise that is correlated over some points.

@@ -64,6 +64,27 @@ def test_corrected_forces_and_heights_are_those_of_the_law():
     assert "nm/s" in repr(curve)
 
 
+def other_law(name):
+    """Return a law of another tip, or with a long repulsion."""
+    indentation, force = synthetic.hertz()
+    before = np.linspace(-60, 0, 2000)[:-1]
+    tail = np.append(np.exp(before / 8), np.ones_like(force))
+    return {
+        "cone": (indentation, indentation**2),
+        "punch": (indentation, 8 * indentation),
+        "tail": (np.append(before, indentation), np.append(0 * before, force) + 3 * tail),
+    }[name]
+
+
+@pytest.mark.parametrize("name", ["cone", "punch", "tail"])
+@pytest.mark.parametrize("constant", [0.5, 5.0])
+def test_the_error_of_the_contact_point_holds_for_other_tips_and_a_long_repulsion(name, constant):
+    for seed in range(3):
+        curve = synthetic.recorded(other_law(name), seed, constant=constant, drift=0.0).corrected()
+        away = abs(curve.correction.contact_point - 3)
+        assert 0.1 < away < 2 * curve.correction.contact_error < 6 * away
+
+
 def test_hysteresis_of_the_sample_is_not_removed_as_a_drift():
     curve = synthetic.recorded(LAWS["hertz"], 0, drift=5.0).corrected()
     assert curve.correction.drift == pytest.approx(5, abs=2 * curve.correction.drift_error)
@@ -173,15 +194,68 @@ def test_of_several_curves_the_good_ones_are_corrected_and_the_bad_ones_named():
         curves.corrected("quadratic")
 
 
+def cut(segment, is_kept):
+    return js.force_curves.Segment(**{name: getattr(segment, name)[is_kept] for name in COLUMNS})
+
+
 def test_a_retraction_that_does_not_detach_is_corrected_by_the_approach():
     curve = synthetic.recorded(LAWS["hertz"], 2, offsets=(0.3, 0.3))
     near = curve.retraction.height < 3
-    cut = {
-        name: getattr(curve.retraction, name)[near] for name in ("force", "height", "tip", "time")
-    }
-    curve = replace(curve, retraction=js.force_curves.Segment(**cut)).corrected()
+    curve = replace(curve, retraction=cut(curve.retraction, near)).corrected()
     assert "retraction not detached" in curve.remarks[0]
     assert curve.correction.retraction == curve.correction.approach
+
+
+@pytest.mark.parametrize(
+    ("law", "constant", "end"),
+    [
+        # With a stiff cantilever the force is flat where it is least.
+        (synthetic.jkr(4.0), 50.0, -4.71),
+        (synthetic.jkr(), 5.0, -4.6),
+        (synthetic.maugis(1.0), 50.0, -4.9),
+        (synthetic.maugis(0.2), 50.0, -5.8),
+        (synthetic.dmt(), 0.5, -4.0),
+    ],
+)
+@pytest.mark.parametrize("noise", [0.005, 0.05])
+def test_a_retraction_that_ends_while_it_adheres_keeps_its_attraction(law, constant, end, noise):
+    options = {"constant": constant, "reach": 60.0, "offsets": (0.3, 0.3), "drift": 0.0}
+    exact = synthetic.recorded(law, 0, noise=0.0, tilt=0.0, **options).retraction.force - 0.3
+    curve = synthetic.recorded(law, 0, noise=noise, **options)
+    last = np.flatnonzero(exact < end)[0]
+    kept = np.arange(len(exact)) < last
+    corrected = replace(curve, retraction=cut(curve.retraction, kept)).corrected()
+    assert "retraction not detached" in corrected.remarks[0]
+    misfit = corrected.retraction.force - exact[kept]
+    assert abs(misfit[-20:].mean()) < 0.02 + noise
+    alone = replace(curve, approach=None, retraction=cut(curve.retraction, kept))
+    try:
+        assert "a tip that still adheres" in alone.corrected().remarks[0]
+    except ValueError as error:
+        assert "no baseline" in str(error)
+
+
+@pytest.mark.parametrize("force_drift", [3.0, -3.0, 0.6])
+@pytest.mark.parametrize("law", ["hertz", "jkr"])
+def test_a_drift_of_the_force_is_removed_from_a_retraction_that_has_detached(law, force_drift):
+    exact = synthetic.recorded(LAWS[law], 4, noise=0.0, tilt=0.0, offsets=(0.0, 0.0), drift=0.0)
+    curve = synthetic.recorded(LAWS[law], 4, force_drift=force_drift, drift=0.0).corrected()
+    slopes = curve.correction.approach.slope, curve.correction.retraction.slope
+    # The cantilever moves at 100 nm/s.
+    assert slopes[1] - slopes[0] == pytest.approx(force_drift / 50, abs=1e-3)
+    assert not any("detached" in remark for remark in curve.remarks)
+    for name, segment in exact.segments.items():
+        misfit = curve.segments[name].force - segment.force
+        error = 3 * getattr(curve.correction, name).force_error
+        assert np.std(misfit) < 0.06 and abs(np.mean(misfit[segment.force > 1])) < error
+
+
+def test_a_segment_that_begins_in_contact_has_no_baseline():
+    curve = synthetic.recorded(LAWS["hertz"], 2)
+    for name, segment in curve.segments.items():
+        only = dict.fromkeys(curve.segments) | {name: cut(segment, segment.height < -2)}
+        with pytest.raises(ValueError, match=f"The {name} has no baseline or no contact"):
+            replace(curve, **only).corrected()
 
 
 def test_a_curve_without_points_or_segments_says_so():
