@@ -49,7 +49,8 @@ _DEFAULT = " (default %(default)s)"
 _ADVICE = (
     (r"`js\.surfaces\.read\(path, lengths=\(3\.0, 1\.4\)\)`", "--lengths 3 1.4"),
     (r"`Topography\.detrended\(\)`", "--detrend 1"),
-    (r'`Topography\.periodic\("window"\)` or "mirror"', "--periodic window or --periodic mirror"),
+    (r'`Topography\.periodic\("mirror"\)`', "--periodic mirror"),
+    (r'or "window", which', "or --periodic window, which"),
     (r" and fill them by `Topography\.filled\(\)`|, as by `js\.surfaces\.Topo[^`]*`", ""),
     (r"use float64", "use --precision float64"),
     (r"A grid of (\d+) x \1 would do", r"\g<0> (--size \1 of a generated surface)"),

@@ -10,12 +10,10 @@ from jax.typing import DTypeLike
 from jaxtyping import Array
 
 from jaxstab.core.checks import (
-    concrete,
     is_readable,
     numbers,
     require_finite,
     require_shape,
-    where_known,
 )
 from jaxstab.core.grid import Grid
 from jaxstab.core.types import ArrayLike
@@ -88,32 +86,11 @@ def unit_of_lengths(topography: "Topography | None", given: str | None) -> str |
 def require_sound(
     solid: Solid, heights: Array | np.ndarray, topography: "Topography | None"
 ) -> None:
-    """Raise for heights that are not finite, and warn of those that look wrong on a solid.
-
-    On a window edges need not meet.
-    """
-    from jaxstab.surfaces import faults
-    from jaxstab.surfaces.topography import FILL
+    """Raise for heights that are not finite, and warn of those that look wrong on a solid."""
+    from jaxstab.surfaces.topography import FILL, warn_of_faults
 
     require_finite("A height", jnp.asarray(heights), FILL)
-    if topography:
-        wrong = topography.suspicions
-        if solid.is_window:
-            wrong = [*topography.wrong_scale, *topography.edge_faults]
-        faults.warn(wrong)
-    elif is_readable(heights):
-        _warn_of_heights(heights, solid.grid.lengths, solid.is_window)
-
-
-@where_known
-def _warn_of_heights(heights: Array | np.ndarray, lengths: Array, is_window: bool) -> None:
-    from jaxstab.surfaces import faults
-
-    values = np.asarray(heights)
-    wrong = faults.has_wrong_scale(values, concrete(lengths))
-    if not wrong and not is_window:
-        wrong = faults.looks_wrong(values)
-    faults.warn(wrong)
+    warn_of_faults(heights, topography, solid.grid.lengths, solid.is_window)
 
 
 def law_on(grid: Grid, potential: Potential, dtype: DTypeLike) -> Potential:

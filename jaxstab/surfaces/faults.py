@@ -51,7 +51,8 @@ def looks_wrong(heights: np.ndarray) -> list[str]:
                 f"opposite edges do not meet along {name}: the rms jump across the periodic edge "
                 f"is {jump:.3g}, {jump / inside:.3g} times the rms "
                 f"increment between neighbours ({inside:.3g}). Make it periodic by "
-                '`Topography.periodic("window")` or "mirror".'
+                '`Topography.periodic("mirror")`, which keeps its statistics, or "window", which '
+                "keeps its size."
             )
     return sentences
 

@@ -39,8 +39,9 @@ class PowerLaw:
             ring with waves.
         cutoff: the last ring that holds waves of the power law [1/length].
         density: C, the density at the roll-off [length^4 on a surface, length^3 on a line].
-        hurst_error: standard error of H, by chance and by the scatter about the law. A taper
-            blurs the spectrum, which moves H by up to 0.03 more.
+        hurst_error: standard error of H, by chance and by the scatter about the law. The treatment
+            of a surface that is not periodic adds a bias, of up to 0.02 for `periodic("mirror")`
+            and 0.1 for `periodic("window")`.
         density_error: standard error of C, in the unit of the density.
     """
 

@@ -1,6 +1,9 @@
-"""Statistics of surfaces, computed in Fourier space.
+"""Statistics of surfaces, computed in Fourier space, where the surface is periodic.
 
-Heights are an array, or a `Topography` with its own grid.
+Heights are an array, or a `Topography` with its own grid. All statistics but `rms_height` give a
+`SurfaceWarning` for heights that look wrong, as `jaxstab.Contact` does: a tilt, or opposite edges
+that do not meet, change slopes, spectra and energies. Remove a tilt by `Topography.detrended()`,
+and make edges meet by `Topography.periodic("mirror")`, which changes statistics least.
 """
 
 from functools import partial
@@ -24,7 +27,7 @@ from jaxstab.core.checks import (
 from jaxstab.core.compile import own_conventions, program
 from jaxstab.core.grid import Grid, require_grid
 from jaxstab.core.types import ArrayLike, Field, Scalar
-from jaxstab.surfaces.topography import FILL, Topography, as_topography
+from jaxstab.surfaces.topography import FILL, Topography, as_topography, warn_of_faults
 
 # Rounding must not decide which ring a point at its edge belongs to.
 _ROUNDING = 1e-3
@@ -181,7 +184,10 @@ def full_contact_energy(solid: Elastic, heights: Field | Topography) -> Scalar:
         ValueError: for heights of another shape than the grid, or not finite.
         TypeError: for anything but a solid.
     """
-    heights = _heights_on(_grid_of(solid), heights)
+    return _energy(solid, _heights_on(_grid_of(solid), heights, solid.is_window))
+
+
+def _energy(solid: Elastic, heights: Field) -> Scalar:
     if solid.is_window:
         # A rigid displacement stores the least energy if it takes no force.
         pressure = solid.apply(heights)
@@ -198,8 +204,8 @@ def effective_work_of_adhesion(
     """Return the effective work of adhesion w A / A0 - U / A0 [energy/area].
 
     Persson & Tosatti, J. Chem. Phys. 115 (2001). A / A0 is the mean of sqrt(1 + |grad h|^2), with
-    the gradient of the Fourier series, and U the energy of full contact. If it is negative, the
-    surfaces do not stay in full contact.
+    the gradient of the Fourier series, on a window of the mirrored surface, and U the energy of
+    full contact. If it is negative, the surfaces do not stay in full contact.
 
     Arguments:
         solid: the solid, of any kind.
@@ -211,13 +217,19 @@ def effective_work_of_adhesion(
             negative or not finite.
         TypeError: for anything but a solid.
     """
-    heights = _heights_on(_grid_of(solid), heights)
+    grid = _grid_of(solid)
+    heights = _heights_on(grid, heights, solid.is_window)
     given = concrete(parameter(work, "The work of adhesion"))
     is_possible = (given >= 0) & (given < np.inf)
     require("The work of adhesion", given, is_possible, "it must be finite, and not negative.")
-    squared_slope = sum(slope**2 for slope in _gradient(solid.grid, heights))
+    energy = _energy(solid, heights)
+    if solid.is_window:
+        # The edges of a window need not meet, but those of its mirror images do.
+        heights = jnp.pad(heights, [(0, n) for n in grid.shape], mode="symmetric")
+        grid = Grid(heights.shape, 2 * grid.lengths, sharding=grid.sharding)
+    squared_slope = sum(slope**2 for slope in _gradient(grid, heights))
     true_area = jnp.mean(jnp.sqrt(1 + squared_slope))
-    return true_area * work - full_contact_energy(solid, heights)
+    return true_area * work - energy
 
 
 def _grid_of(solid: Elastic) -> Grid:
@@ -229,14 +241,15 @@ def _grid_of(solid: Elastic) -> Grid:
     return grid
 
 
-def _heights_on(grid: Grid, heights: object) -> Field:
-    """Return heights as an array, which must be on the grid."""
+def _heights_on(grid: Grid, heights: object, is_window: bool = False) -> Field:
+    """Return heights as an array, which must be on the grid; warn if they look wrong there."""
     require_grid(grid)
     topography = as_topography(heights, grid)
     if topography:
         heights = topography.on(grid)
     heights = _complete(heights)
     require_shape("The array of heights", heights.shape, grid.shape, "they must agree.")
+    warn_of_faults(heights, topography, grid.lengths, is_window)
     return grid.device_put(heights)
 
 

@@ -6,8 +6,9 @@ from typing import Any, Literal
 
 import jax
 import numpy as np
+from jaxtyping import Array
 
-from jaxstab.core.checks import concrete, require_one_of
+from jaxstab.core.checks import concrete, is_readable, require_one_of, where_known
 from jaxstab.core.display import times
 from jaxstab.core.grid import Grid, require_grid, resample
 from jaxstab.core.units import converted, unit_of
@@ -271,8 +272,10 @@ class Topography:
 
         Arguments:
             how: "window" multiplies heights about their mean by a window that falls to zero as a
-                cosine over the outer tenth of each side. "mirror" appends the mirror images, which
-                doubles each side. "as_is" keeps the heights and declares that edges meet.
+                cosine over the outer tenth of each side. It flattens a third of a map, and its
+                Hurst exponent becomes too large. "mirror" appends the mirror images, which doubles
+                each side; statistics of the mirrored surface are the least biased. "as_is" keeps
+                the heights and declares that edges meet.
 
         Raises:
             ValueError: for another way, and for a window where points are missing.
@@ -312,3 +315,32 @@ def as_topography(heights: object, grid: Grid) -> Topography | None:
     if scan is None:
         return None
     return Topography(grid, scan)
+
+
+def warn_of_faults(
+    heights: Array | np.ndarray, topography: Topography | None, lengths: Array, is_window: bool
+) -> None:
+    """Warn of heights that look wrong on a grid; on a window neither tilt nor edges matter.
+
+    Arguments:
+        heights: as they were given [length].
+        topography: the surface that they are of, if it is one.
+        lengths: the sides of the grid [length].
+        is_window: whether the grid is a window.
+    """
+    if topography is None:
+        if is_readable(heights):
+            _warn_of_array(heights, lengths, is_window)
+    elif is_window:
+        faults.warn([*topography.wrong_scale, *topography.edge_faults])
+    else:
+        faults.warn(topography.suspicions)
+
+
+@where_known
+def _warn_of_array(heights: Array | np.ndarray, lengths: Array, is_window: bool) -> None:
+    values = np.asarray(heights)
+    wrong = faults.has_wrong_scale(values, concrete(lengths))
+    if not wrong and not is_window:
+        wrong = faults.looks_wrong(values)
+    faults.warn(wrong)

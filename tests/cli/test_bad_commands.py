@@ -147,8 +147,8 @@ def test_advice_has_the_form_of_the_command_line(tmp_path, capsys):
     assert "as in --lengths 3 1.4." in capsys.readouterr().err
     for python, options in (
         (
-            'by `Topography.periodic("window")` or "mirror".',
-            "by --periodic window or --periodic mirror.",
+            'by `Topography.periodic("mirror")`, which keeps a, or "window", which keeps b.',
+            "by --periodic mirror, which keeps a, or --periodic window, which keeps b.",
         ),
         ("locate fewer jumps (`smallest_jump`)", "locate fewer jumps (--smallest-jump)"),
         ('choose `width="double"`.', "choose --width double."),

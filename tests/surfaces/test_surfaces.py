@@ -1,3 +1,5 @@
+import warnings
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -202,6 +204,85 @@ def test_hurst_exponents_of_scans_are_found_within_their_errors(how, k_high):
             assert law.rolloff / (2 * np.pi / 10) == pytest.approx(k_rolloff, abs=2.1)
         deviations.append((law.hurst - hurst) / law.hurst_error)
     assert 0.3 < np.std(deviations) < 2.5
+
+
+CROPPED = js.Grid(256, 20.0)
+
+
+def cropped(seed, hurst=0.8):
+    """Return a periodic surface with waves as long as its sides, and a quarter of it."""
+    whole = surfaces.self_affine(
+        CROPPED, jax.random.key(seed), hurst=hurst, k_low=1, k_high=96, rms_height=0.05
+    )
+    whole = surfaces.Topography(CROPPED, np.asarray(whole), is_periodic=True)
+    return whole, whole.cropped((0, 10), (0, 10))
+
+
+def test_mirrored_crops_have_the_statistics_of_the_whole_surface():
+    hursts = 0.3, 0.5, 0.8, 0.95, 0.8, 0.8, 0.8, 0.8
+    off = []
+    for seed, hurst in enumerate(hursts):
+        whole, crop = cropped(seed, hurst)
+        mirror = crop.periodic("mirror")
+        law = surfaces.power_law(surfaces.power_spectrum(mirror.grid, mirror))
+        assert law.hurst == pytest.approx(hurst, abs=2.5 * law.hurst_error)
+        slopes = [surfaces.rms_slope(surface.grid, surface) for surface in (mirror, whole)]
+        energies = [
+            surfaces.full_contact_energy(js.HalfSpace(surface.grid, 1.0), surface)
+            for surface in (mirror, whole)
+        ]
+        off.append((law.hurst - hurst, slopes[0] / slopes[1] - 1, energies[0] / energies[1] - 1))
+    biases = abs(np.mean(off, axis=0))
+    assert (biases < [0.025, 0.025, 0.1]).all()
+
+
+@pytest.mark.parametrize("is_array", [False, True])
+def test_statistics_of_a_surface_whose_edges_do_not_meet_warn(is_array):
+    whole, crop = cropped(0)
+    surface = crop.heights if is_array else crop
+    solid = js.HalfSpace(crop.grid, 1.0)
+    statistics = (
+        lambda surface: surfaces.rms_slope(crop.grid, surface),
+        lambda surface: surfaces.rms_curvature(crop.grid, surface),
+        lambda surface: surfaces.power_spectrum(crop.grid, surface),
+        lambda surface: surfaces.autocorrelation(crop.grid, surface),
+        lambda surface: surfaces.full_contact_energy(solid, surface),
+        lambda surface: surfaces.effective_work_of_adhesion(solid, surface, 5e-4),
+    )
+    for statistic in statistics:
+        with pytest.warns(js.SurfaceWarning, match=r"do not meet along x.*periodic\(\"mirror\"\)"):
+            statistic(surface)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        surfaces.rms_height(surface)
+        surfaces.effective_work_of_adhesion(js.HalfSpace(CROPPED, 1.0), whole, 5e-4)
+        # A window has edges, and what a user declares periodic is taken as such.
+        surfaces.effective_work_of_adhesion(js.FreeHalfSpace(crop.grid, 1.0), surface, 5e-4)
+        surfaces.effective_work_of_adhesion(solid, crop.periodic("as_is"), 5e-4)
+        jax.eval_shape(lambda heights: surfaces.rms_slope(crop.grid, heights), crop.heights)
+
+
+def test_the_effective_work_of_a_crop_has_the_sign_of_the_whole_surface():
+    whole, crop = cropped(0)
+    mirror = crop.periodic("mirror")
+    of_whole, of_mirror = (
+        float(surfaces.effective_work_of_adhesion(js.HalfSpace(surface.grid, 1.0), surface, 5e-4))
+        for surface in (whole, mirror)
+    )
+    assert of_mirror == pytest.approx(of_whole, abs=5e-5) and of_whole > 1e-4
+
+
+def test_a_window_has_the_true_area_of_its_own_heights():
+    whole, crop = cropped(0)
+    gained, stored = (
+        surfaces.effective_work_of_adhesion(js.FreeHalfSpace(crop.grid, 1.0), crop, work)
+        for work in (1.0, 0.0)
+    )
+    modes = np.fft.fft2(whole.heights)
+    q = 2j * np.pi * np.fft.fftfreq(256, 20 / 256)
+    slopes = (np.fft.ifft2(factor * modes).real for factor in (q[:, None], q))
+    area = np.sqrt(1 + sum(slope**2 for slope in slopes))[:128, :128].mean()
+    assert gained - stored - 1 == pytest.approx(area - 1, rel=0.01)
 
 
 @pytest.mark.parametrize(("how", "k_high"), [("as_is", 60), ("window", 250)])

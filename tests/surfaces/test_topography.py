@@ -293,7 +293,7 @@ def test_a_tilt_above_the_roughness_warns(is_array):
 def test_edges_that_do_not_meet_warn(is_array):
     _, y = sides((48, 64), (1.5, 2.0))
     surface = topography(clean(seed=2 + int(is_array)) + 0.2 * np.sin(4 * y))
-    with pytest.warns(js.SurfaceWarning, match=r'along y: .*periodic\("window"\)') as said:
+    with pytest.warns(js.SurfaceWarning, match=r'along y: .*periodic\("mirror"\)') as said:
         contact_of(surface, is_array)
     assert len(said) == 1
     with warnings.catch_warnings():
