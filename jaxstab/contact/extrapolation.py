@@ -15,6 +15,7 @@ from jaxtyping import Array, Float
 
 from jaxstab.contact.contact import Contact
 from jaxstab.contact.resolution import FOR_JUMPS, PINNING, resolved_range
+from jaxstab.contact.window import MOST_AT_EDGES, depth_of_edges
 from jaxstab.core import display
 from jaxstab.core.checks import (
     array,
@@ -119,7 +120,8 @@ def extrapolate(
 
     Raises:
         ValueError: for fewer than three ranges, ranges that repeat or are not positive, a range
-            asked for that is longer than all, and a function of something else than one number.
+            asked for that is longer than all, and a function of something else than one number. For
+            a window whose edges the law reaches at the longest range, but not at its own.
         TypeError: for a law without one number that is its range; under JAX transformations.
         SolverError: where the values rise and fall with the range, or follow no power from -2 to 6;
             for the range zero where the power is below 0.3; and for an error above a quarter of the
@@ -139,10 +141,13 @@ def extrapolate(
     require("The range", target, target <= lengths[-1], cure)
     # The trial comes last, and only below the shortest range.
     tried = max(target, lengths[0] * (FOR_JUMPS / _RESOLUTION) ** 0.5)
+    number = len(lengths)
     below = []
     if tried < lengths[0]:
         below.append(tried)
     contacts = [_with_range(contact, length) for length in (*lengths, *below)]
+    if contact.solid.is_window:
+        _require_large_window(contact, contacts[number - 1])
     values = np.array([_number(function(one)) for one in contacts])
     resolutions = np.array([float(one.resolution) for one in contacts])
     if not np.isfinite(values).all():
@@ -150,7 +155,6 @@ def extrapolate(
             f"The function is {values} at the ranges {np.append(lengths, below)}: it must be "
             "finite."
         )
-    number = len(lengths)
     errors = np.abs(values[:number]).max() * PINNING / resolutions**2
     trials = [_Trial(*one) for one in zip(below, values[number:], errors[number:], strict=True)]
     values, errors, resolutions = (x[:number] for x in (values, errors, resolutions))
@@ -278,6 +282,28 @@ def _checked(ranges: ArrayLike) -> np.ndarray:
     is_right = np.isfinite(lengths).all() and lengths[0] > 0 and np.diff(lengths).min() > 0
     require("The ranges", lengths, is_right, cure)
     return lengths
+
+
+def _require_large_window(contact: Contact, longest: Contact) -> None:
+    """Raise `ValueError` if the longest range makes a law reach the edges of its window."""
+    depth = depth_of_edges(np.asarray(contact.heights))
+    reach = _reach(longest)
+    # A surface that ends within reach of its own law has edges in any case.
+    if _reach(contact) <= depth < reach:
+        law: Any = longest.potential
+        raise ValueError(
+            f"The longest range is {float(law.length):.6g}: its law attracts by more than "
+            f"{MOST_AT_EDGES:.0%} of its largest attraction up to a gap of {reach:.3g}, but the "
+            f"edges of the window lie only {depth:.3g} below its summit, so that the surface would "
+            "end within its reach. Use a larger window, whose edges lie lower, or a finer grid, "
+            "which resolves shorter ranges."
+        )
+
+
+def _reach(contact: Contact) -> float:
+    """Return the gap up to which a law attracts by more than edges may carry [length]."""
+    profile = contact.profile
+    return float(profile.outermost_gap(MOST_AT_EDGES * profile.max_attraction))
 
 
 def _with_range(contact: Contact, length: float) -> Contact:

@@ -1,6 +1,7 @@
 """A surface of finite extent, continued on the padded grid that its contact is solved on."""
 
 import jax.numpy as jnp
+import numpy as np
 
 from jaxstab.core.compile import program
 from jaxstab.core.types import Field
@@ -8,6 +9,8 @@ from jaxstab.potentials.varying import Potential, Within, varying_fields, with_f
 from jaxstab.solids.free_half_space import mirrored, padded, where_window
 from jaxstab.solids.solid import Solid
 
+# The edges of a window may carry this part of the largest pressure.
+MOST_AT_EDGES = 1e-2
 # How far below a surface that ends the solid may sink beyond it, over the surface's depth.
 _DEPTH = 2
 
@@ -22,3 +25,9 @@ def continued_surface(solid: Solid, heights: Field, law: Potential) -> tuple[Fie
     fields = [mirrored(field) for field in varying_fields(law)]
     is_there = solid.grid.device_put(where_window(heights))
     return padded(heights, lowest - depth), Within(with_fields(law, fields), is_there)
+
+
+def depth_of_edges(heights: np.ndarray) -> float:
+    """Return how far the edges of a window lie below its summit [length]."""
+    ends = [heights.take([0, n - 1], axis).max() for axis, n in enumerate(heights.shape)]
+    return float(heights.max() - max(ends))

@@ -17,6 +17,7 @@ import numpy as np
 
 from jaxstab.contact.contact import Contact
 from jaxstab.contact.hessian import Hessian
+from jaxstab.contact.window import MOST_AT_EDGES
 from jaxstab.core.checks import concrete, where_known
 from jaxstab.core.compile import program
 from jaxstab.core.grid import mean
@@ -28,9 +29,6 @@ from jaxstab.equilibrium.equilibrium import Equilibrium
 from jaxstab.loads.load import Load
 from jaxstab.solids.free_half_space import mirrored, padded, where_window
 from jaxstab.solids.solid import Solid
-
-# The edges may carry this part of the largest pressure.
-_MOST_AT_EDGES = 1e-2
 
 
 class WindowWarning(UserWarning):
@@ -147,9 +145,9 @@ def warn_at_edges(contact: Contact, equilibrium: Equilibrium) -> None:
     ends = [pressures.take(np.array([0, n - 1]), axis) for axis, n in enumerate(pressures.shape)]
     largest = pressures.max()
     at_edges = max(end.max() for end in ends)
-    if at_edges > _MOST_AT_EDGES * largest:
+    if at_edges > MOST_AT_EDGES * largest:
         warn(
-            f"at the edges of the window the pressure exceeds {_MOST_AT_EDGES:.0%} of its largest "
+            f"at the edges of the window the pressure exceeds {MOST_AT_EDGES:.0%} of its largest "
             "value: contact or adhesion reaches the edge of the window. Use a larger one.",
             WindowWarning,
         )

@@ -197,3 +197,43 @@ def test_ranges_that_cannot_be_are_refused_with_the_cure():
         js.extrapolate(length, own, to=0)
     with pytest.raises(TypeError, match="extrapolate works on known numbers"):
         jax.jit(lambda to: js.extrapolate(length, FLAT, to=to).value)(0.0)
+
+
+def of_window(side, law, depth=2.0, points=16):
+    """Return a paraboloid whose edges are so far below its summit."""
+    grid = js.Grid(points, side)
+    # The last point lies a step before the end of the period.
+    heights = js.surfaces.paraboloid(grid, (side / 2 - side / points) ** 2 / (2 * depth))
+    return js.Contact(js.FreeHalfSpace(grid, 1.0), heights, law)
+
+
+@pytest.mark.parametrize("law", [js.potentials.Exponential, js.potentials.Gaussian])
+@pytest.mark.parametrize("ranges", [None, [10.0, 13.0, 17.0]])
+def test_a_window_that_the_longest_range_outgrows_is_named_before_anything_is_computed(law, ranges):
+    contact = of_window(1000.0, law(0.1, 0.3))
+
+    def computed(contact):
+        raise AssertionError
+
+    with pytest.raises(ValueError, match=r"edges of the window lie only 2 below .*larger window"):
+        js.extrapolate(computed, contact, ranges=ranges)
+
+
+def test_a_window_within_which_all_laws_end_is_extrapolated():
+    # f' of an exponential law has fallen to one percent at 4.6 ranges.
+    contact = of_window(1000.0, js.potentials.Exponential(0.1, 0.3))
+
+    def law(contact):
+        return contact.potential.length**2
+
+    for length, fits in ((2 / 4.8, True), (2 / 4.4, False)):
+        ranges = length * np.array([0.8, 0.9, 1.0])
+        if fits:
+            found = js.extrapolate(law, contact, ranges=ranges)
+            np.testing.assert_allclose(found.value, 0.3**2, rtol=1e-6)
+        else:
+            with pytest.raises(ValueError, match="edges of the window"):
+                js.extrapolate(law, contact, ranges=ranges)
+    # The edges of a flat surface are within reach of any law.
+    flat = js.Contact(contact.solid, jnp.zeros(contact.grid.shape), contact.potential)
+    np.testing.assert_allclose(js.extrapolate(law, flat, ranges=[1, 2, 3]).power, 2, rtol=1e-6)
