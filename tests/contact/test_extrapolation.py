@@ -199,12 +199,12 @@ def test_ranges_that_cannot_be_are_refused_with_the_cure():
         jax.jit(lambda to: js.extrapolate(length, FLAT, to=to).value)(0.0)
 
 
-def of_window(side, law, depth=2.0, points=16):
+def of_window(side, law, modulus=1.0, depth=2.0, points=16):
     """Return a paraboloid whose edges are so far below its summit."""
     grid = js.Grid(points, side)
     # The last point lies a step before the end of the period.
     heights = js.surfaces.paraboloid(grid, (side / 2 - side / points) ** 2 / (2 * depth))
-    return js.Contact(js.FreeHalfSpace(grid, 1.0), heights, law)
+    return js.Contact(js.FreeHalfSpace(grid, modulus), heights, law)
 
 
 @pytest.mark.parametrize("law", [js.potentials.Exponential, js.potentials.Gaussian])
@@ -221,7 +221,7 @@ def test_a_window_that_the_longest_range_outgrows_is_named_before_anything_is_co
 
 def test_a_window_within_which_all_laws_end_is_extrapolated():
     # f' of an exponential law has fallen to one percent at 4.6 ranges.
-    contact = of_window(1000.0, js.potentials.Exponential(0.1, 0.3))
+    contact = of_window(1000.0, js.potentials.Exponential(0.1, 0.3), modulus=1e8)
 
     def law(contact):
         return contact.potential.length**2
