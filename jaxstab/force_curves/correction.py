@@ -216,7 +216,9 @@ def correct(
         slow = _SLOW * _speed(segments[ends[0]], clocks[ends[0]])
         found = _with_zeros(lambda shifted: _drift(shifted, clocks), flat, lines, constant)
         if np.isnan(found[0]):
-            remarks.append("drift unknown: approach and retraction have too few forces in common")
+            remarks.append(
+                "drift unknown: approach and retraction have too few forces or times in common"
+            )
         else:
             drift, drift_error = found
         removes_drift = drift is not None and abs(drift) <= slow
@@ -279,13 +281,18 @@ def clocks_of(segments: Mapping[str, Segment]) -> dict[str, np.ndarray]:
     """Return the time of each point from the end of the approach, or its number.
 
     Without times a pause has a constant clock, since its duration is unknown.
+
+    Raises:
+        ValueError: for times that do not grow from point to point, or from approach to retraction.
     """
     if all(segment.time is not None for segment in segments.values()):
         times = {name: np.asarray(segment.time) for name, segment in segments.items()}
+        _require_clock(segments)
+        # Where a point is missing its time may be missing too.
         if "approach" in times:
-            turn = times["approach"][-1]
+            turn = times["approach"][segments["approach"].is_present][-1]
         else:
-            turn = times["retraction"][0]
+            turn = times["retraction"][segments["retraction"].is_present][0]
         return {name: time - turn for name, time in times.items()}
     clocks = {name: np.zeros(len(segment)) for name, segment in segments.items()}
     if "approach" in clocks:
@@ -293,6 +300,36 @@ def clocks_of(segments: Mapping[str, Segment]) -> dict[str, np.ndarray]:
     if "retraction" in clocks:
         clocks["retraction"] = np.arange(float(len(segments["retraction"])))
     return clocks
+
+
+def _require_clock(segments: Mapping[str, Segment]) -> None:
+    """Raise `ValueError` unless the times of approach and retraction are those of one clock."""
+    last = -np.inf
+    before = ""
+    cure = "The drift follows from times: give those of one clock, or `time=None` in each segment."
+    for name in ends_of(segments):
+        segment = segments[name]
+        assert segment.time is not None
+        time = segment.time[segment.is_present]
+        if not np.isfinite(time).all():
+            raise ValueError(f"The {name} has points without a finite time. {cure}")
+        if time.size == 0:
+            continue
+        falls = np.flatnonzero(np.diff(time) < 0)
+        if falls.size:
+            pair = time[falls[0] : falls[0] + 2]
+            raise ValueError(
+                f"The times of the {name} fall, first from {pair[0]:.6g} to {pair[1]:.6g} s. {cure}"
+            )
+        if time[0] == time[-1]:
+            raise ValueError(f"The times of the {name} are all {time[0]:.6g} s. {cure}")
+        if time[0] < last:
+            raise ValueError(
+                f"The {name} begins at {time[0]:.6g} s, before the {before} ends, at {last:.6g} s. "
+                f"{cure}"
+            )
+        last = time[-1]
+        before = name
 
 
 def _with_zeros(
@@ -315,7 +352,7 @@ def _with_zeros(
 def _speed(segment: Segment, clock: np.ndarray) -> float:
     """Return the mean speed of the height, by a clock."""
     height = segment.height[segment.is_present]
-    return float(abs(height[-1] - height[0]) / np.ptp(clock))
+    return float(abs(height[-1] - height[0]) / np.ptp(clock[segment.is_present]))
 
 
 def _line(name: str, segment: Segment, is_tilted: bool) -> _Line:
@@ -531,6 +568,8 @@ def _drift(
     attraction = parts["approach"].attraction
     reduced = ((force[is_common] + attraction) / (top + attraction)) ** (2 / 3)
     unit = np.ptp(clock[is_common])
+    if unit == 0:
+        return np.nan, np.nan
     columns = np.stack([reduced**0, reduced, reduced**2, reduced**3, clock[is_common] / unit], 1)
     found = np.linalg.lstsq(columns, tip[is_common], rcond=None)[0]
     misfit = tip[is_common] - columns @ found

@@ -59,6 +59,8 @@ class Recording:
         if extent == 0:
             raise ValueError("its height is the same at all points.")
         runs, remarks = self._runs(extent)
+        time, remark = self._clock()
+        remarks += remark
         moves = [self._move(run) for run in runs]
         down = None
         if min(moves) < -_MOVE * extent:
@@ -67,7 +69,7 @@ class Recording:
         if max(moves) > _MOVE * extent:
             up = int(np.argmax(moves))
         self._require_direction(runs, down, up)
-        segments = [self._segment(run) for run in runs]
+        segments = [self._segment(run, time) for run in runs]
         ends: dict[str, Any] = {"approach": None, "retraction": None}
         for name, number, speed in zip(
             ("approach", "retraction"), (down, up), self.speeds, strict=True
@@ -86,14 +88,32 @@ class Recording:
             remarks=(*self.remarks, *remarks),
         )
 
-    def _segment(self, run: slice) -> Segment:
+    def _clock(self) -> tuple[np.ndarray | None, tuple[str, ...]]:
+        """Return the times on one clock, and a remark if the file has none or several.
+
+        Times that begin anew at zero go on from the end of those before, by one step.
+        """
+        if self.time is None:
+            return None, ()
+        known = self.time[np.isfinite(self.time)]
+        if known.size and np.ptp(known) == 0:
+            return None, (f"times not used: all are {known[0]:.6g} s",)
+        steps = np.diff(self.time)
+        step = np.median(np.abs(steps[np.isfinite(steps)]))
+        is_anew = (steps < -2 * step) & (np.abs(self.time[1:]) <= step)
+        if not is_anew.any():
+            return self.time, ()
+        ends = np.cumsum(np.where(is_anew, step - steps, 0))
+        remark = "times that begin anew at zero joined to one clock"
+        return self.time + np.append(0, ends), (remark,)
+
+    def _segment(self, run: slice, time: np.ndarray | None) -> Segment:
         """Return the points of a segment."""
         force = self.force[run]
         height = self.height[run]
         tip = tip_from_height(height, force, self.spring_constant)
         if self.tip is not None:
             tip = self.tip[run]
-        time = self.time
         if time is not None:
             time = time[run]
         return Segment(force=force, height=height, tip=tip, time=time)

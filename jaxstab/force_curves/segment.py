@@ -54,9 +54,14 @@ class Segment:
     @property
     def speed(self) -> float | None:
         """The mean speed of the far end, or the speed that the file states [length/s]."""
-        if self.time is None or not np.ptp(self.time) > 0:
+        if self.time is None:
             return self.stated_speed
-        return float(abs(self.height[-1] - self.height[0]) / np.ptp(self.time))
+        is_known = self.is_present & np.isfinite(self.time)
+        time = self.time[is_known]
+        height = self.height[is_known]
+        if time.size == 0 or np.ptp(time) == 0:
+            return self.stated_speed
+        return float(abs(height[-1] - height[0]) / np.ptp(time))
 
     @property
     def is_present(self) -> np.ndarray:

@@ -1,5 +1,6 @@
 """Baselines, contact points and drifts of curves whose truth is known."""
 
+import warnings
 from dataclasses import replace
 
 import numpy as np
@@ -94,6 +95,55 @@ def test_hysteresis_of_the_sample_is_not_removed_as_a_drift():
         for segment in (curve.approach, curve.retraction)
     ]
     assert tips[1] - tips[0] > 0.5
+
+
+def timed(curve, change):
+    """Return a curve with other times: of each segment, from its name and its times."""
+    changed = {
+        name: replace(segment, time=change(name, segment.time))
+        for name, segment in curve.segments.items()
+    }
+    return replace(curve, **changed)
+
+
+def missing_beside(time):
+    time = time.copy()
+    time[[0, 7, -1]] = np.nan
+    return time
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda name, time: time[::-1], "times of the approach fall, first from"),
+        (lambda name, time: 0 * time, "times of the approach are all 0 s"),
+        (lambda name, time: time - time[0], "retraction begins at 0 s, before the approach ends"),
+        (lambda name, time: missing_beside(time), "approach has points without a finite time"),
+        (lambda name, time: np.append(time[:-1], np.inf), "approach has points without a finite"),
+        (lambda name, time: np.where(name == "retraction", 9.0, time), "retraction are all 9 s"),
+    ],
+)
+def test_times_that_are_no_clock_are_refused(change, message):
+    curve = synthetic.recorded(LAWS["hertz"], 2)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        bad = timed(curve, change)
+        repr(bad)
+        with pytest.raises(ValueError, match=message):
+            bad.corrected()
+    # The cure that the message names.
+    assert timed(bad, lambda *_: None).corrected().correction.drift is not None
+
+
+def test_points_that_are_missing_may_lack_a_time():
+    curve = synthetic.recorded(LAWS["hertz"], 2)
+    expected = curve.corrected().correction
+    approach = curve.approach
+    force = np.where(np.isnan(missing_beside(approach.time)), np.nan, approach.force)
+    holed = replace(approach, force=force, time=missing_beside(approach.time))
+    found = replace(curve, approach=holed).corrected().correction
+    assert found.drift == pytest.approx(expected.drift, abs=expected.drift_error)
+    assert holed.speed == pytest.approx(approach.speed, rel=1e-3)
 
 
 def test_units_change_nothing_but_numbers():

@@ -96,6 +96,32 @@ def test_units_are_converted_and_back(tmp_path):
         curve.in_units("nm", "dyn")
 
 
+@pytest.mark.parametrize("first", [0.0, 0.25])
+@pytest.mark.parametrize("labels", [True, False])
+def test_times_that_begin_anew_in_each_segment_are_joined(tmp_path, first, labels):
+    time = np.concatenate([np.arange(61), np.arange(20), np.arange(21)]) / 4 + first
+    titles = f"{TITLES},time [s]"
+    columns = [HEIGHT, FORCE, time]
+    if labels:
+        titles += ",segment"
+        columns.append(["extend"] * 61 + ["pause"] * 20 + ["retract"] * 21)
+    curve = read(tmp_path, table(titles, *columns))
+    assert "times that begin anew at zero joined to one clock" in curve.remarks
+    joined = np.sort(np.concatenate([part.time for part in curve.segments.values()]))
+    np.testing.assert_allclose(joined, np.arange(102) / 4 + first)
+    assert curve.approach.time[0] == first
+
+
+def test_a_constant_time_is_not_used_and_others_stay_as_they_are(tmp_path):
+    curve = read(tmp_path, table(f"{TITLES},time [s]", HEIGHT, FORCE, np.full(102, 3.0)))
+    assert curve.approach.time is None
+    assert curve.remarks[-1] == "times not used: all are 3 s"
+    for time in (np.arange(102.0) + 5, np.arange(102.0)[::-1], np.arange(102.0) % 61 + 9):
+        curve = read(tmp_path, table(f"{TITLES},time [s]", HEIGHT, FORCE, time))
+        found = np.concatenate([curve.approach.time, curve.retraction.time])
+        np.testing.assert_array_equal(found, time)
+
+
 def test_segments_of_any_number_keep_all_points(tmp_path):
     pause = np.full(20, -20.0)
     height = np.concatenate([HEIGHT[:61], pause, HEIGHT[61:]])
