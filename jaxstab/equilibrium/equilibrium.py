@@ -10,7 +10,7 @@ from jaxtyping import Array, Float, Int
 from jaxstab.contact.contact import Contact, require_contact
 from jaxstab.contact.residual import Balance
 from jaxstab.core import model
-from jaxstab.core.checks import are_finite, require_shape, where_known
+from jaxstab.core.checks import are_finite, require_finite, require_shape, where_known
 from jaxstab.core.compile import program
 from jaxstab.core.display import Outcome
 from jaxstab.core.grid import mean
@@ -68,9 +68,11 @@ class Equilibrium(PressedSurface):
         gap: g, exactly zero at the points in contact [length].
         pressure: the elastic pressure K u + p0, positive in compression [pressure].
         reaction: mu, the pressure of contact; zero out of contact [pressure].
-        in_contact: where the surfaces touch.
+        in_contact: where the surfaces are in contact: where the gap is zero and, under a law that
+            repels at zero gap, up to the gap at which its attraction is largest.
         mean_pressure: p0 = mean(mu - f'(g)), positive in compression [pressure].
-        contact_area: the number of contact points over the number of all points.
+        contact_area: the number of contact points over the number of all points; NaN if no gap is
+            zero and the law repels at every gap, so that contact is not defined.
         area: the area of the cell [length^2]; on a line its length [length].
         energy: elastic and adhesive energy of the surface [energy]; without the energy of a uniform
             compression, nor of a spring.
@@ -139,9 +141,19 @@ def assembled(contact: Contact, gap: Field, net: Field, energy: Scalar) -> Field
     }
 
 
-def contact_area(contact: Contact, gap: Field) -> Scalar:
-    """Return the fraction of contact points among the points of the surface, NaN of NaN."""
-    return mean(contact.solid.surface(jnp.where(jnp.isnan(gap), gap, (gap == 0).astype(gap.dtype))))
+def _in_contact(contact: Contact, gap: Field, curvature: Field) -> tuple[Mask, Scalar]:
+    """Return where surfaces are in contact, and the fraction of points, given f'' at the gap.
+
+    They are where g = 0. Where the law repels at zero gap, as a core does, they also are below the
+    gap at which f' is largest: up to there, where f'' > 0, the law holds the surfaces together as a
+    spring does (J. A. Greenwood, 1997). In the limit of a short range it is the contact of a hard
+    wall. The fraction is NaN of NaN, and if no gap is closed under a law that repels throughout.
+    """
+    profile = contact.profile
+    points = (gap == 0) | ((gap < profile.contact_gap) & (curvature > 0))
+    is_known = ~jnp.isnan(gap) & (jnp.any(points) | ~profile.repels_throughout)
+    counted = jnp.where(is_known, points.astype(gap.dtype), jnp.nan)
+    return points, mean(contact.solid.surface(counted))
 
 
 def equilibrium_at(
@@ -149,10 +161,11 @@ def equilibrium_at(
 ) -> Equilibrium:
     """Return the state of a gap and its balance, given how it was found: residual, steps, ..."""
     energy = (balance.elastic_energy + balance.adhesion) * contact.grid.cell_area
+    in_contact, area_fraction = _in_contact(contact, gap, balance.curvature)
     return Equilibrium(
         load=load,
-        in_contact=gap == 0,
-        contact_area=contact_area(contact, gap),
+        in_contact=in_contact,
+        contact_area=area_fraction,
         area=contact.area,
         units=contact.units,
         is_window=contact.solid.is_window,
@@ -245,6 +258,22 @@ def equilibrium_of(contact: Contact, state: State | None) -> Equilibrium:
 def found_equilibrium(contact: Contact, state: State) -> Equilibrium:
     """Return the one equilibrium that a state is or holds; a known one without gaps is an error."""
     return _found(equilibrium_of(contact, state))
+
+
+def defined_contact(contact: Contact, state: State) -> Equilibrium:
+    """Return the same as `found_equilibrium`; known contact that is not defined is an error."""
+    equilibrium = found_equilibrium(contact, state)
+    _require_defined(equilibrium.contact_area)
+    return equilibrium
+
+
+@where_known
+def _require_defined(contact_area: Scalar) -> None:
+    cure = (
+        "no gap is zero, and the law repels at every gap, so that none is the edge of a contact. "
+        "Give a law that attracts, or that is zero from some gap on."
+    )
+    require_finite("The contact area", contact_area, cure)
 
 
 def _found(state: Any) -> Any:

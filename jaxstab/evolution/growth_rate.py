@@ -50,7 +50,7 @@ def growth_rate(evolution: Evolution) -> Scalar:
     equilibrium = problem.state
     glassy = solid.stiffening(0.0)
     inputs = glassy, problem.contact, equilibrium.load, equilibrium.gap
-    is_moving = ~(equilibrium.in_contact & (equilibrium.reaction > 0))
+    is_moving = ~(equilibrium.reaction > 0)
     stiffening, mode = _singular_stiffening(is_moving, *jax.lax.stop_gradient(inputs))
     stiffening = attach(_changes_of_stiffening, stiffening, mode, inputs)
     is_between = (stiffening > 1) & (stiffening < glassy)

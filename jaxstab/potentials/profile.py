@@ -14,10 +14,13 @@ from jaxstab.potentials.varying import Potential, varying_fields, with_fields
 
 # Gaps run from the largest to the smallest, as multiples of the size of the grid.
 _OCTAVES = (10, -40)
+_PER_OCTAVE = 64
 # The relative difference of the slopes at zero gap and right above it that counts as a jump.
 _JUMP = 0.25
 # This part of the largest attraction, or of the depth of a law, is taken for none.
 HARDLY_ANY = 1e-3
+# A repulsion that has fallen by this factor over an octave of gaps has faded.
+_FADED = 1e-12
 # The number of surface points at which a varying law is evaluated, beside its extremes.
 _NUM_POINTS = 64
 
@@ -34,6 +37,9 @@ class Profile(eqx.Module):
         slopes: f' [pressure].
         curvatures: f'' [pressure/length].
         has_core: whether f is infinite at zero gap, and positive and repulsive at small gaps.
+        contact_gap: the first of these gaps beyond the largest attraction of a law that repels at
+            zero gap; the largest over the points; zero for any other law [length].
+        repels_throughout: whether f' is negative at all gaps, or fades to zero beyond all bounds.
         range: the length over which the attraction varies, the largest f' over the largest |f''|
             at these gaps where f attracts; infinite without attraction [length].
     """
@@ -43,6 +49,8 @@ class Profile(eqx.Module):
     slopes: Float[Array, " gaps"]
     curvatures: Float[Array, " gaps"]
     has_core: Flag
+    contact_gap: Scalar
+    repels_throughout: Flag
     range: Scalar
 
     def __init__(self, potential: Potential, lengths: Float[Array, "..."]):
@@ -51,6 +59,9 @@ class Profile(eqx.Module):
         # A law may be undefined at gaps that are larger than the grid.
         counts = (slopes >= 0) & jnp.isfinite(curvatures)
         sharpest = jnp.max(jnp.where(counts, jnp.abs(curvatures), 0))
+        contact_gaps, repel = jax.vmap(self._contact_gap)(jnp.atleast_2d(slopes))
+        self.contact_gap = jnp.max(contact_gaps)
+        self.repels_throughout = jnp.any(repel)
         if values.ndim == 2:
             values = jnp.min(values, 0)
             slopes = jnp.max(slopes, 0)
@@ -67,6 +78,21 @@ class Profile(eqx.Module):
         self.range = jnp.where(
             is_curved, self.max_attraction / jnp.where(is_curved, sharpest, 1), jnp.inf
         )
+
+    def _contact_gap(self, slopes: Float[Array, " gaps"]) -> tuple[Scalar, Flag]:
+        """Return `contact_gap` and `repels_throughout` of a law, from its slopes."""
+        at_zero = slopes[-1]
+        slopes = jnp.where(jnp.isfinite(slopes), slopes, -jnp.inf)
+        # The innermost of equal ones.
+        peak = slopes.size - 1 - jnp.argmax(slopes[::-1])
+        largest = slopes[peak]
+        # The slope of a core may be no number at zero gap.
+        repels = ~(at_zero >= -HARDLY_ANY * jnp.maximum(largest, 0))
+        # A law that ends at a gap falls to zero there by a power of the distance.
+        fades = slopes[peak + 1] >= _FADED * slopes[peak + _PER_OCTAVE]
+        throughout = repels & ((largest < 0) | ((largest == 0) & fades))
+        gap = self.gaps[jnp.maximum(peak - 1, 0)]
+        return jnp.where(repels & ~throughout, gap, 0), throughout
 
     @property
     def max_attraction(self) -> Scalar:
@@ -92,9 +118,10 @@ profile_of = program(Profile)
 
 
 def gaps_of(lengths: Float[Array, "..."]) -> Float[Array, " gaps"]:
-    """Return gaps at which to evaluate a law, 64 an octave in falling order, and zero [length]."""
+    """Return gaps at which to evaluate a law, in falling order, and zero [length]."""
     size = jnp.max(lengths)
-    octaves = np.linspace(*_OCTAVES, 50 * 64 + 1)
+    first, last = _OCTAVES
+    octaves = np.linspace(first, last, (first - last) * _PER_OCTAVE + 1)
     return size * jnp.asarray(np.append(2.0**octaves, 0), size.dtype)
 
 

@@ -183,7 +183,7 @@ def with_derivatives(stability: Stability, inputs: tuple[Contact, Equilibrium]) 
         face = Subspace(is_moving, fixes_mean)
         return differentiable(pair, face, contact, equilibrium.load, equilibrium.gap)
 
-    free = ~equilibrium.in_contact
+    free = ~(equilibrium.gap == 0)
     cone = attach(stability.cone, free | (stability.cone.mode > 0))
     margins = stability.complementarity, stability.barrier
     is_held = stability.verdict == VERDICTS.held_by_contact

@@ -49,7 +49,7 @@ def margins_of(
     The complementarity is +inf without contact; the barrier NaN where the state is not held.
     """
     complementarity, barrier = _margins(is_held, scale, area, *_state(equilibrium, cone))
-    touches = jnp.any(equilibrium.in_contact)
+    touches = jnp.any(equilibrium.gap == 0)
     return (
         jnp.where(touches, complementarity, jnp.inf),
         jax.tree.map(lambda number: jnp.where(is_held, number, jnp.nan), barrier),

@@ -134,32 +134,31 @@ class Found(eqx.Module):
 def problems_of(contact: Contact, equilibrium: Equilibrium) -> tuple[Eigenproblems, AssessedState]:
     """Return the eigenproblems of an equilibrium, and the data of that state."""
     gap = equilibrium.gap
-    in_contact = equilibrium.in_contact
     control = contact.control(equilibrium.load)
     balance = contact.balance(control)(gap)
     result = recognised_by(balance, contact, equilibrium)
     is_found = result == RESULTS.successful
-    in_contact &= is_found
+    is_closed = (gap == 0) & is_found
     imbalance = jnp.sqrt(total(model.imbalance(balance.net, gap) ** 2))
     scale = pressure_scale(contact, gap, equilibrium.pressure)
     # The net pressure of a point may be wrong by this.
     error = imbalance + rounding_of_fields(gap.dtype) * scale
-    weak = in_contact & (balance.net <= error)
-    nearly_touching = ~in_contact & (gap * contact.solid.max_stiffness <= error)
+    weak = is_closed & (balance.net <= error)
+    nearly_touching = ~is_closed & (gap * contact.solid.max_stiffness <= error)
     # Where there is nothing to assess, nothing moves.
-    nowhere = contact.grid.device_put(jnp.zeros_like(in_contact) | ~is_found)
-    v0 = AdmissibleCone(in_contact, nowhere, control.fixes_mean)
-    critical = AdmissibleCone(weak, nowhere | (in_contact & ~weak), control.fixes_mean)
+    nowhere = contact.grid.device_put(jnp.zeros_like(is_closed) | ~is_found)
+    v0 = AdmissibleCone(is_closed, nowhere, control.fixes_mean)
+    critical = AdmissibleCone(weak, nowhere | (is_closed & ~weak), control.fixes_mean)
     hessian = Hessian(contact.solid, balance.curvature, control.stiffness, v0.is_moving)
     problems = Eigenproblems(
         cone=ConeProblem(hessian, v0),
         critical_cone=ConeProblem.of(hessian, critical),
         nearly_touching=nearly_touching,
-        touches=jnp.any(in_contact),
+        touches=jnp.any(is_closed),
         is_weak=jnp.any(weak),
         is_doubtful=jnp.any(weak | nearly_touching),
     )
-    sharpness = jnp.where(v0.is_moving & ~in_contact, third_derivative(contact, gap), 0)
+    sharpness = jnp.where(v0.is_moving & ~is_closed, third_derivative(contact, gap), 0)
     imbalance = jnp.where(is_found, imbalance, 0)
     state = AssessedState(result, contact.grid.cell_area, scale, imbalance, sharpness)
     return problems, state

@@ -92,7 +92,7 @@ def _search(
     state = recognised_by(contact.balance(control)(equilibrium.gap), contact, equilibrium)
     is_equilibrium = state == RESULTS.successful
     # Where there is nothing to assess, nothing moves.
-    is_moving = is_equilibrium & ~(equilibrium.in_contact & stays_in_contact)
+    is_moving = is_equilibrium & ~((equilibrium.gap == 0) & stays_in_contact)
     space = Subspace(is_moving, control.fixes_mean)
     hessian = contact.hessian(equilibrium.gap, control).restricted(space.is_moving)
     starts = noise(key, max(count + _GUARD, BLOCK_SIZE), equilibrium.gap)

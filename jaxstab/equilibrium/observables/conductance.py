@@ -17,7 +17,7 @@ from jaxstab.core.linear_system import LinearSystem
 from jaxstab.core.results import SolverError
 from jaxstab.core.types import ArrayLike, Field, Mask, Scalar
 from jaxstab.core.units import NUMBER, SPRING_CONSTANT, Dimension
-from jaxstab.equilibrium.equilibrium import State, found_equilibrium
+from jaxstab.equilibrium.equilibrium import State, defined_contact
 from jaxstab.equilibrium.observables.observable import Observable
 from jaxstab.solids import FreeHalfSpace, HalfSpace, Viscoelastic
 
@@ -54,9 +54,9 @@ def conductance(
 
     C = 2 K / (E* (rho1 + rho2)), K the incremental stiffness at a fixed contact (J. R. Barber,
     *Bounds on the electrical resistance between contacting elastic rough bodies*, 2003):
-    all contact points move by the same displacement, without pressure elsewhere. Adhesion has no
-    part in K. C depends only on the contact points, not on E*, so its derivatives with respect to
-    the load are zero between changes of these points.
+    all contact points (`Equilibrium.in_contact`) move by the same displacement, without pressure
+    elsewhere. Adhesion has no part in K. C depends only on the contact points, not on E*, so its
+    derivatives with respect to the load are zero between changes of these points.
 
     The potential is the difference between points far on both sides. In a periodic cell the
     potential that drives a uniform current is subtracted, so that C is the conductance of the
@@ -75,11 +75,12 @@ def conductance(
     Raises:
         TypeError: for another solid, and for something that is not a state.
         ValueError: for resistivities that are not two, negative, infinite or both zero, for a stack
-            of states, one that was not found, and one of another grid.
-        SolverError: if the linear system was not solved; inside of a transformation it is NaN,
-            as for a state that was not found.
+            of states, one that was not found, and one of another grid, and where contact is not
+            defined: without a closed gap under a law that repels at every gap.
+        SolverError: if the linear system was not solved. Inside of a transformation all of these
+            are NaN.
     """
-    state = found_equilibrium(contact, equilibrium)
+    state = defined_contact(contact, equilibrium)
     touches = state.in_contact
     solid = contact.solid
     dtype = contact.heights.dtype
@@ -95,7 +96,7 @@ def conductance(
     resistivity = cast(_sum_of(resistivities), dtype)
     pressure = _pressure(type(solid), contact.grid, touches)
     _require_solved(pressure)
-    pressure = jnp.where(jnp.isfinite(state.gap).all(), pressure, jnp.nan)
+    pressure = jnp.where(jnp.isfinite(state.gap + state.contact_area).all(), pressure, jnp.nan)
     force = total(pressure)
     is_whole = jnp.all(touches) & (not solid.is_window)
     # E* is one.

@@ -75,7 +75,8 @@ def leakage(
     """Return the leakage through the gap of a contact.
 
     Reynolds' equation div(g^3 grad p) = 0 under a mean gradient along each side, by finite volumes:
-    the face between two points conducts the harmonic mean of their g^3, points in contact block.
+    the face between two points conducts the harmonic mean of their g^3, points in contact
+    (`Equilibrium.in_contact`) block.
     If no channel leads around the periodic cell the permeability is exactly zero. Valid for gaps of
     small slope and a viscous fluid that does not move the surfaces.
 
@@ -99,7 +100,7 @@ def leakage(
         ImportError: for multigrid without PyAMG.
     """
     require_known((contact, equilibrium), "leakage")
-    gap = found_equilibrium(contact, equilibrium).gap
+    state = found_equilibrium(contact, equilibrium)
     if contact.solid.is_window:
         raise ValueError(
             f"The solid is a {type(contact.solid).__name__}, a window that does not repeat: the "
@@ -108,14 +109,14 @@ def leakage(
     if solver is not None:
         require_one_of("solver", solver, ("direct", "multigrid"))
     resistance = positive_scalar(viscosity, "The viscosity")
-    values = np.asarray(gap, float)
+    values = np.asarray(state.gap, float)
     dtype = contact.heights.dtype
     largest = values.max()
     conductivity = values
     if largest > 0:
         # The unit is the largest gap, whose cube can be beyond the range of numbers.
         conductivity = (values / largest) ** 3 / 12
-    faces, leads = conducting(conductivity, values > 0)
+    faces, leads = conducting(conductivity, ~np.asarray(state.in_contact))
     found = flows(faces, leads, np.asarray(contact.grid.spacing, float), solver)
     permeability = _permeability(found, leads) * largest**3
     return Leakage(

@@ -10,7 +10,7 @@ from jaxstab.contact import Contact
 from jaxstab.core.checks import array, require_known, require_one_of
 from jaxstab.core.types import Scalar
 from jaxstab.core.units import AREA, FORCE, LENGTH
-from jaxstab.equilibrium.equilibrium import State, found_equilibrium
+from jaxstab.equilibrium.equilibrium import State, defined_contact
 from jaxstab.equilibrium.observables.clusters import Neighbours, clusters_of
 from jaxstab.equilibrium.observables.observable import Observable
 
@@ -55,7 +55,7 @@ class Patches(Observable):
 
 
 def patches(contact: Contact, equilibrium: State, *, neighbours: Neighbours = 4) -> Patches:
-    """Return the patches of a contact: points that touch and are connected.
+    """Return the patches of a contact: points in contact that are connected.
 
     Patches are joined across the edges of a periodic cell; on a window, as with a `FreeHalfSpace`,
     they are not, and points beyond its edges do not touch.
@@ -66,6 +66,8 @@ def patches(contact: Contact, equilibrium: State, *, neighbours: Neighbours = 4)
     The area is corrected as by V. A. Yastrebov, G. Anciaux and J. F. Molinari (2017): a
     point counts with its whole cell, and a smooth interface cuts cells.
 
+    A point is in contact as `Equilibrium.in_contact` says, also under a law with a core.
+
     Arguments:
         contact: the contact problem.
         equilibrium: one of its states.
@@ -73,12 +75,13 @@ def patches(contact: Contact, equilibrium: State, *, neighbours: Neighbours = 4)
 
     Raises:
         ValueError: for other numbers of neighbours, a stack of states, one that was not
-            found, or one of another grid.
+            found, or one of another grid, and where contact is not defined: without a closed gap
+            under a law that repels at every gap.
         TypeError: for something that is not a state, or inside of a JAX transformation.
     """
     require_one_of("neighbours", neighbours, (4, 8))
     require_known((contact, equilibrium), "patches")
-    state = found_equilibrium(contact, equilibrium)
+    state = defined_contact(contact, equilibrium)
     mask = np.asarray(state.in_contact)
     is_window = contact.solid.is_window
     found = clusters_of(mask, neighbours, not is_window)
