@@ -45,6 +45,7 @@ from .equilibrium.observables import (
     patches,
 )
 from .equilibrium.posing import WindowWarning
+from .equilibrium.validity import ContactWarning
 from .evolution import (
     Evolution,
     Internal,
@@ -122,6 +123,7 @@ __all__ = [
     "Conductance",
     "ConeSolver",
     "Contact",
+    "ContactWarning",
     "CriticalLoad",
     "Davidson",
     "Detachment",

@@ -29,6 +29,7 @@ from jaxstab.equilibrium.solvers.base import EquilibriumSolver, Problem
 from jaxstab.equilibrium.solvers.base import State as SolverState
 from jaxstab.equilibrium.solvers.conjugate_gradients import PreconditionedConjugateGradient
 from jaxstab.equilibrium.start import start_of
+from jaxstab.equilibrium.validity import warn_beyond_hardness
 from jaxstab.loads.held_gap import GapControl
 from jaxstab.loads.load import Control, Load, require_loads
 
@@ -66,6 +67,9 @@ def equilibrate(
         The equilibrium, in the precision of the contact's heights; NaN throughout for a load or a
         contact without an answer.
 
+    Warns:
+        ContactWarning: if pressures have a unit, and the mean pressure in contact exceeds E* / 20.
+
     Raises:
         ValueError: for an array of loads, or an initial gap that is not finite and positive
             somewhere, or of another shape than the grid.
@@ -97,6 +101,7 @@ def equilibrium_from(
     # As it was given, without the rounding of conversions.
     equilibrium = replace(equilibrium, load=load)
     warn_at_edges(contact, equilibrium)
+    warn_beyond_hardness(contact, equilibrium.mean_pressure, equilibrium.contact_area)
     return equilibrium
 
 

@@ -34,6 +34,7 @@ from jaxstab.core.warn import warn
 from jaxstab.equilibrium.equilibrium import State
 from jaxstab.equilibrium.posing import finished, posed
 from jaxstab.equilibrium.start import initial_of_path, start_of
+from jaxstab.equilibrium.validity import warn_beyond_hardness
 from jaxstab.loading.load_path import DISTURBANCE, LoadPath, load_path_of
 from jaxstab.loading.load_stepping import fraction_done, step_to_end
 from jaxstab.loading.path import Jump, Path
@@ -148,6 +149,8 @@ def follow(
     # An interrupt here would lose a long path.
     with interrupts_held() as held:
         path = finished(path, problem, partial(_describe, load), throw)
+    states = path.equilibrium
+    warn_beyond_hardness(contact, states.mean_pressure, states.contact_area)
     if held:
         warn(
             "Ctrl-C came after the last step of the path, of which nothing is lost.",

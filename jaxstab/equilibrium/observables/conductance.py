@@ -19,6 +19,7 @@ from jaxstab.core.types import ArrayLike, Field, Mask, Scalar
 from jaxstab.core.units import NUMBER, SPRING_CONSTANT, Dimension
 from jaxstab.equilibrium.equilibrium import State, defined_contact
 from jaxstab.equilibrium.observables.observable import Observable
+from jaxstab.equilibrium.validity import warn_of_few_points
 from jaxstab.solids import FreeHalfSpace, HalfSpace, Viscoelastic
 
 CONDUCTANCE = Dimension("length/resistivity")
@@ -72,6 +73,9 @@ def conductance(
         resistivities: rho1 and rho2 of the two bodies; of heat 1 over the conductivity. One may be
             zero, as in a perfect conductor. By default they add up to one.
 
+    Warns:
+        ContactWarning: for a contact of a handful of points, fewer than 5 along each side.
+
     Raises:
         TypeError: for another solid, and for something that is not a state.
         ValueError: for resistivities that are not two, negative, infinite or both zero, for a stack
@@ -81,6 +85,7 @@ def conductance(
             are NaN.
     """
     state = defined_contact(contact, equilibrium)
+    warn_of_few_points(contact, state.contact_area)
     touches = state.in_contact
     solid = contact.solid
     dtype = contact.heights.dtype

@@ -13,6 +13,7 @@ from jaxstab.core.units import AREA, FORCE, LENGTH
 from jaxstab.equilibrium.equilibrium import State, defined_contact
 from jaxstab.equilibrium.observables.clusters import Neighbours, clusters_of
 from jaxstab.equilibrium.observables.observable import Observable
+from jaxstab.equilibrium.validity import warn_of_few_points
 
 # The grid counts this part of interface times spacing too much (Yastrebov et al., 2017).
 _STAIRCASE = (np.pi - 1 + np.log(2)) / 24
@@ -73,6 +74,9 @@ def patches(contact: Contact, equilibrium: State, *, neighbours: Neighbours = 4)
         equilibrium: one of its states.
         neighbours: 4 joins points along the sides of the grid, 8 also along diagonals.
 
+    Warns:
+        ContactWarning: for a contact of a handful of points, fewer than 5 along each side.
+
     Raises:
         ValueError: for other numbers of neighbours, a stack of states, one that was not
             found, or one of another grid, and where contact is not defined: without a closed gap
@@ -82,6 +86,7 @@ def patches(contact: Contact, equilibrium: State, *, neighbours: Neighbours = 4)
     require_one_of("neighbours", neighbours, (4, 8))
     require_known((contact, equilibrium), "patches")
     state = defined_contact(contact, equilibrium)
+    warn_of_few_points(contact, state.contact_area)
     mask = np.asarray(state.in_contact)
     is_window = contact.solid.is_window
     found = clusters_of(mask, neighbours, not is_window)

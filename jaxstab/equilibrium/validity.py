@@ -1,0 +1,64 @@
+"""Warnings of states for which the model of an elastic solid, or its grid, does not hold."""
+
+import numpy as np
+from jaxtyping import Array, Float
+
+from jaxstab.contact.contact import Contact
+from jaxstab.core.checks import concrete, is_readable, where_known
+from jaxstab.core.types import Scalar
+from jaxstab.core.warn import warn
+from jaxstab.solids import FreeHalfSpace, HalfSpace, Viscoelastic
+
+# The hardness of glasses and ceramics is about this part of E*, of metals less.
+_HARDNESS = 1 / 20
+# Points along each side of a square, or of a line, whose area a grid tells to some 20 %.
+_FEW = 5
+
+
+class ContactWarning(UserWarning):
+    """The pressure is more than an elastic solid bears, or the contact is a handful of points."""
+
+
+@where_known
+def warn_beyond_hardness(
+    contact: Contact, mean_pressure: Float[Array, "..."], contact_area: Float[Array, "..."]
+) -> None:
+    """Warn if the mean pressure in contact of a state, or of one of several, exceeds E* / 20.
+
+    It is at least p0 over the area fraction, whatever tension there is beside the contact. Only
+    contacts whose pressures have a unit are a material, whose hardness counts: in others heights
+    and pressures may be scaled alike.
+    """
+    solid = contact.solid
+    if isinstance(solid, Viscoelastic):
+        solid = solid.relaxed
+    has_modulus = isinstance(solid, HalfSpace | FreeHalfSpace)
+    if contact.units.pressure is None or not has_modulus or not is_readable(mean_pressure):
+        return
+    pressures, areas = (np.asarray(x, float) for x in (mean_pressure, contact_area))
+    in_contact = np.divide(pressures, areas, out=np.zeros_like(pressures), where=areas > 0)
+    share = float(in_contact.max(initial=0) / concrete(solid.contact_modulus))
+    if share > _HARDNESS:
+        warn(
+            f"the mean pressure of the points in contact is {share:.1g} E*: metals, ceramics and "
+            f"glassy polymers yield below {_HARDNESS:g} E*, so that their contact is larger and "
+            "its pressure lower; rubber bears it, at strains beyond linear elasticity. There is no "
+            "hardness in this model: press less, or take smoother heights.",
+            ContactWarning,
+        )
+
+
+@where_known
+def warn_of_few_points(contact: Contact, contact_area: Scalar) -> None:
+    """Warn if the contact is a handful of points of the grid."""
+    if not is_readable(contact_area):
+        return
+    shape = contact.grid.shape
+    number = round(float(contact_area) * np.prod(shape))
+    few = _FEW ** len(shape)
+    if 0 < number < few:
+        warn(
+            f"fewer than {few} points of the grid are in contact: their number, area and "
+            "conductance depend on the grid. Use a finer grid, or press more.",
+            ContactWarning,
+        )
