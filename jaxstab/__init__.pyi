@@ -3,12 +3,14 @@ from .branches import (
     KINDS,
     BarrierLaw,
     Branch,
+    FirstJump,
     PathInterrupted,
     PathState,
     States,
     Turn,
     continuation,
     critical_load,
+    first_jump,
 )
 from .branches.differentiable_limit import CriticalLoad
 from .calibration import (
@@ -58,9 +60,11 @@ from .loading import (
     Jump,
     Observed,
     Path,
+    SealingPressure,
     follow,
     observe,
     pull_off,
+    sealing_pressure,
 )
 from .loading.sweep import Sweep, SweepInterrupted, sweep
 from .loads import (
@@ -134,6 +138,7 @@ __all__ = [
     "Evolution",
     "Extrapolation",
     "FarDisplacement",
+    "FirstJump",
     "FitWarning",
     "FreeHalfSpace",
     "Grid",
@@ -160,6 +165,7 @@ __all__ = [
     "ProximalIteration",
     "ResolutionWarning",
     "SaddleNewton",
+    "SealingPressure",
     "Sheet",
     "Solid",
     "SolverError",
@@ -193,6 +199,7 @@ __all__ = [
     "extrapolate",
     "files",
     "first_guess",
+    "first_jump",
     "follow",
     "force_curves",
     "growth_rate",
@@ -209,6 +216,7 @@ __all__ = [
     "release",
     "resolved_range",
     "save",
+    "sealing_pressure",
     "study",
     "surfaces",
     "sweep",

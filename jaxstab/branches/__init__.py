@@ -5,6 +5,7 @@ from jaxstab.branches.branch import Branch, Turn
 from jaxstab.branches.continuation import continuation
 from jaxstab.branches.critical_load import critical_load
 from jaxstab.branches.differentiable_limit import CriticalLoad
+from jaxstab.branches.first_jump import FirstJump, first_jump
 from jaxstab.branches.kinds import KINDS
 from jaxstab.branches.states import PathInterrupted, PathState, States
 
@@ -13,10 +14,12 @@ __all__ = [
     "BarrierLaw",
     "Branch",
     "CriticalLoad",
+    "FirstJump",
     "PathInterrupted",
     "PathState",
     "States",
     "Turn",
     "continuation",
     "critical_load",
+    "first_jump",
 ]
