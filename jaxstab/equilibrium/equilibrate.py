@@ -68,7 +68,8 @@ def equilibrate(
         contact without an answer.
 
     Warns:
-        ContactWarning: if pressures have a unit, and the mean pressure in contact exceeds E* / 20.
+        ContactWarning: if the mean pressure in contact exceeds E* / 20, where pressures have a unit
+            and E* is above 0.1 GPa, as of solids that yield.
 
     Raises:
         ValueError: for an array of loads, or an initial gap that is not finite and positive

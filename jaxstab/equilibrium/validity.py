@@ -6,11 +6,14 @@ from jaxtyping import Array, Float
 from jaxstab.contact.contact import Contact
 from jaxstab.core.checks import concrete, is_readable, where_known
 from jaxstab.core.types import Scalar
+from jaxstab.core.units import PRESSURE, PRESSURES, measured
 from jaxstab.core.warn import warn
 from jaxstab.solids import FreeHalfSpace, HalfSpace, Viscoelastic
 
 # The hardness of glasses and ceramics is about this part of E*, of metals less.
 _HARDNESS = 1 / 20
+# Softer solids are rubbers and gels, which strain without yielding [Pa].
+_LEAST_MODULUS = 1e8
 # Points along each side of a square, or of a line, whose area a grid tells to some 20 %.
 _FEW = 5
 
@@ -26,24 +29,28 @@ def warn_beyond_hardness(
     """Warn if the mean pressure in contact of a state, or of one of several, exceeds E* / 20.
 
     It is at least p0 over the area fraction, whatever tension there is beside the contact. Only
-    contacts whose pressures have a unit are a material, whose hardness counts: in others heights
-    and pressures may be scaled alike.
+    contacts whose pressures have a unit are of a material with a hardness, unless it is a rubber:
+    in others heights and pressures may be scaled alike.
     """
     solid = contact.solid
     if isinstance(solid, Viscoelastic):
         solid = solid.relaxed
     has_modulus = isinstance(solid, HalfSpace | FreeHalfSpace)
-    if contact.units.pressure is None or not has_modulus or not is_readable(mean_pressure):
+    unit = contact.units.pressure
+    if unit is None or not has_modulus or not is_readable((mean_pressure, solid)):
+        return
+    modulus = float(concrete(solid.contact_modulus))
+    if modulus * 10.0 ** PRESSURES[unit] < _LEAST_MODULUS:
         return
     pressures, areas = (np.asarray(x, float) for x in (mean_pressure, contact_area))
     in_contact = np.divide(pressures, areas, out=np.zeros_like(pressures), where=areas > 0)
-    share = float(in_contact.max(initial=0) / concrete(solid.contact_modulus))
+    share = float(in_contact.max(initial=0)) / modulus
     if share > _HARDNESS:
         warn(
-            f"the mean pressure of the points in contact is {share:.1g} E*: metals, ceramics and "
-            f"glassy polymers yield below {_HARDNESS:g} E*, so that their contact is larger and "
-            "its pressure lower; rubber bears it, at strains beyond linear elasticity. There is no "
-            "hardness in this model: press less, or take smoother heights.",
+            f"the mean pressure of the points in contact is {share:.1g} E*, with an E* of "
+            f"{measured(contact.units, modulus, PRESSURE)}: metals, ceramics and glassy polymers "
+            f"yield below {_HARDNESS:g} E*, so that their contact is larger and its pressure "
+            "lower. There is no hardness in this model: press less, or take smoother heights.",
             ContactWarning,
         )
 

@@ -45,6 +45,7 @@ def test_electrodes_on_a_spring_are_pulled_in_from_the_voltage_of_a_closed_form(
     assert found.equilibrium.gap.max() < 0.01
 
 
+@pytest.mark.nightly
 def test_on_a_rough_line_another_search_jumps_on_one_side_only():
     grid = js.Grid((32,), 1.0)
     heights = js.surfaces.self_affine(grid, jax.random.key(3), k_high=4, rms_height=0.05)
