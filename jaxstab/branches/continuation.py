@@ -136,7 +136,10 @@ def continuation(
         solver = SaddleNewton()
     given = problem.contact, problem.state, solver, start, [longest, shortest]
     constants = jax.lax.stop_gradient(refuse_derivatives(given))
-    with own_conventions(), progress_bar(number, "states", shown=progress, inputs=constants):
+    with (
+        own_conventions(),
+        progress_bar("branch", number, "states", shown=progress, inputs=constants),
+    ):
         if is_traced(constants):
             branch = _with_room(_Room(number, fields), *constants)
         else:

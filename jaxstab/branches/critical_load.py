@@ -104,7 +104,9 @@ def critical_load(
     ]
     constants = jax.lax.stop_gradient((*inputs, starts))
     with own_conventions():
-        with progress_bar(_NUM_SEARCHES, "search", shown=progress, inputs=constants):
+        with progress_bar(
+            "critical load", _NUM_SEARCHES, "search", shown=progress, inputs=constants
+        ):
             limit = _find(*constants)
             # Not all searches are needed.
             advance_to(lambda: _NUM_SEARCHES)

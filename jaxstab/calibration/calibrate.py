@@ -334,7 +334,7 @@ def _watched(inputs: _Inputs, progress: bool | None) -> tuple[Calibration, Hints
     """Return the result fit by fit, so that these can be watched, and interrupted."""
     number = num_fits(inputs.starts)
     found = _begin(inputs)
-    with progress_bar(number, "fit", shown=progress) as bar:
+    with progress_bar("fit", number, "fit", shown=progress) as bar:
         for i in range(number):
             try:
                 found = jax.block_until_ready(one_more_fit(inputs, i, found))

@@ -184,7 +184,7 @@ def calibrate_each(
     require_kind(curves, ForceCurves, "no sequence of force curves: fit one by `calibrate`.")
     fits: list[Calibration | None] = []
     reasons: list[str] = []
-    with progress_bar(len(curves), "curve", shown=progress) as bar:
+    with progress_bar("fits", len(curves), "curve", shown=progress) as bar:
         for curve in curves:
             try:
                 with warnings.catch_warnings(record=True) as caught:

@@ -15,6 +15,7 @@ from jaxstab.cli.parsing import FAILED, INTERRUPTED, Ended
 from jaxstab.contact import Contact
 from jaxstab.core.interrupts import interrupts_held
 from jaxstab.core.optional_packages import NETCDF, are_installed
+from jaxstab.core.progress import is_watched
 from jaxstab.core.results import RESULTS
 from jaxstab.core.warn import warn
 from jaxstab.files import save
@@ -51,7 +52,7 @@ def _loop(options: argparse.Namespace, contact: Contact, folder: Path) -> Ended 
     # Said at the end instead.
     with warnings.catch_warnings(action="ignore", category=PathInterrupted):
         path = follow(
-            contact, turns, smallest_jump=options.smallest_jump, progress=True, throw=False
+            contact, turns, smallest_jump=options.smallest_jump, progress=is_watched(), throw=False
         )
     with interrupts_held():
         # First of all, since a closed pipe or a figure may fail.
@@ -73,7 +74,7 @@ def _unloading(options: argparse.Namespace, contact: Contact, folder: Path) -> E
     loads = problem.loads_of(options, contact, np.linspace(0, 1, options.number))
     # Said at the end instead.
     with warnings.catch_warnings(action="ignore", category=SweepInterrupted):
-        result = sweep(contact, loads, order=options.order, progress=True)
+        result = sweep(contact, loads, order=options.order, progress=is_watched())
     with interrupts_held():
         _save(folder / "unloading.nc", contact, result)
         print(result)

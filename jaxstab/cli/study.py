@@ -16,6 +16,7 @@ import numpy as np
 import jaxstab
 from jaxstab.cli.parsing import FAILED, INTERRUPTED, Ended
 from jaxstab.core.optional_packages import require_packages
+from jaxstab.core.progress import is_watched
 from jaxstab.studies import StudyInterrupted
 
 if TYPE_CHECKING:
@@ -43,7 +44,7 @@ def run(options: argparse.Namespace) -> None:
                 version=options.version,
                 retry=options.retry,
                 accept_changes=options.accept_changes,
-                progress=True,
+                progress=is_watched(),
             )
         except RuntimeError as error:
             raise Ended(str(error), FAILED) from error

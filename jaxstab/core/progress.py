@@ -4,6 +4,7 @@ import os
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from typing import Any
 
 import jax
 from jaxtyping import PyTree
@@ -14,21 +15,29 @@ from jaxstab.core.checks import is_transformed, where_known
 # A step after this time shows a bar by itself, where somebody sees it [s].
 DELAY = 2.0
 _bars: list[tqdm] = []
+_places = [""]
 
 
 @contextmanager
 def progress_bar(
-    total: int, unit: str, *, shown: bool | None, inputs: PyTree = (), done: int = 0
+    name: str,
+    total: int,
+    unit: str,
+    *,
+    shown: bool | None,
+    inputs: PyTree = (),
+    done: int = 0,
 ) -> Iterator[tqdm]:
-    """Show a bar of `total` units, some `done` before, that `advance` moves, to the block's end.
+    """Show a named bar of `total` units, some `done` before, that `advance` moves.
 
-    If `shown` is None it appears after a while in a terminal or a notebook, but not within another
-    one, and does not stay. Where JAX transforms computations with the `inputs` none is shown.
+    It ends with the block. If `shown` is None it appears after a while in a terminal or a
+    notebook, but not within another one, and does not stay. Where JAX transforms computations with
+    the `inputs` none is shown.
     """
-    style = {}
+    style: dict[str, Any] = {"desc": name + _places[-1]}
     if shown is None:
         shown = is_watched() and not _bars
-        style = {"delay": DELAY, "leave": False}
+        style.update(delay=DELAY, leave=False)
     is_hidden = not shown or is_transformed(inputs)
     with tqdm(total=total, unit=unit, disable=is_hidden, initial=done, **style) as bar:
         _bars.append(bar)
@@ -37,6 +46,16 @@ def progress_bar(
             jax.effects_barrier()
         finally:
             _bars.remove(bar)
+
+
+@contextmanager
+def one_of_several(number: int, total: int) -> Iterator[None]:
+    """Add to the names of bars in the block which one of several similar computations they show."""
+    _places.append(f" {number} of {total}")
+    try:
+        yield
+    finally:
+        _places.pop()
 
 
 def is_watched() -> bool:

@@ -143,7 +143,7 @@ def evolve(
     legs = legs_between(concrete(known_times), concrete(known.state.value))
     steps: Steps = known_start, no_increments(room, instants.dtype)
     if is_alone:
-        with progress_bar(legs.number.size, "time", shown=progress) as bar:
+        with progress_bar("evolution", legs.number.size, "time", shown=progress) as bar:
             steps, ends = _leg_by_leg(stepping, steps, legs, fields, bar)
     else:
         steps, ends = follow_legs(stepping, steps, legs)

@@ -138,7 +138,7 @@ def follow(
     inputs = problem.contact, problem.state
     others = start, least, noise
     constants = jax.lax.stop_gradient((*inputs, *others))
-    with own_conventions(), progress_bar(100, "%", shown=progress, inputs=constants):
+    with own_conventions(), progress_bar("path", 100, "%", shown=progress, inputs=constants):
         known, turning_points, start, least, noise = constants
         load_path = load_path_of(known, turning_points, least, noise, share=share, finds_all=True)
         if is_traced((load_path, start)):

@@ -86,7 +86,7 @@ def pull_off(
         load = _retraction(here, first.value, start, machine, problem.unit)
     constants = jax.lax.stop_gradient((here, load, start))
     with own_conventions():
-        with progress_bar(100, "%", shown=progress, inputs=constants):
+        with progress_bar("pull-off", 100, "%", shown=progress, inputs=constants):
             limit, after = _search(*constants)
         end = critical_load_at(problem.contact, load, limit)
 

@@ -143,7 +143,7 @@ def sweep(
         jax.debug_nans(False),
         jax.debug_infs(False),
         warned_once(contact, FOR_STATES),
-        progress_bar(load.value.size, "load", shown=progress) as bar,
+        progress_bar("sweep", load.value.size, "load", shown=progress) as bar,
     ):
         if order == "independent" and jax.default_backend() != "cpu":
             found = _solve_in_batch(problem, load, begin)

@@ -115,7 +115,7 @@ def assess_stability(
     inputs = problem.contact, problem.state
     solver = solver.in_units_of(problem.unit)
     constants = jax.lax.stop_gradient((*inputs, solver, key, jax.device_put(verdict_only)))
-    watch = progress_bar(_NUM_SEARCHES, "search", shown=progress, inputs=constants)
+    watch = progress_bar("stability", _NUM_SEARCHES, "search", shown=progress, inputs=constants)
     with own_conventions(), watch:
         stability = _assessed(*constants)
         # Not all searches are needed.

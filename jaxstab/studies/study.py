@@ -116,7 +116,7 @@ def study(
         warned = ""
         tasks = [left[i : i + batch] for i in range(0, len(left), batch)]
         with interrupts_held() as held:
-            with progress_bar(len(files), "case", shown=progress, done=len(before)) as bar:
+            with progress_bar("study", len(files), "case", shown=progress, done=len(before)) as bar:
                 for task, warning in run_tasks(executor, worker, tasks, lambda: bool(held)):
                     bar.update(len(task))
                     if warning and not warned:

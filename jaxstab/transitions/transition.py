@@ -329,7 +329,10 @@ def _to_detached(
     """Return the transition over a climb from the minimum near a gap, and whether it is alone."""
     constants = jax.lax.stop_gradient((contact, load, first))
     require_known(constants, "A transition to detached surfaces")
-    with own_conventions(), progress_bar(MAX_STEPS, "states", shown=None, inputs=constants):
+    with (
+        own_conventions(),
+        progress_bar("transition", MAX_STEPS, "states", shown=None, inputs=constants),
+    ):
         start = find(*constants[:2], PreconditionedConjugateGradient(), constants[2])
         climbs, result = climbs_on_branch(*constants[:2], start, number)
         minimum, (saddle, minima, images), _ = chosen(climbs)

@@ -15,7 +15,7 @@ from jaxstab.core.progress import progress_bar
 
 @pytest.mark.parametrize("updates", [0, 2])
 def test_a_bar_that_is_not_shown_says_nothing(capsys, updates):
-    with progress_bar(3, "load", shown=False) as bar:
+    with progress_bar("sweep", 3, "load", shown=False) as bar:
         bar.update(updates)
     assert capsys.readouterr().err == ""
 
@@ -51,12 +51,12 @@ def watched(monkeypatch):
 
 @pytest.mark.usefixtures("watched")
 def test_by_default_a_bar_appears_after_a_while_and_goes(capsys):
-    with progress_bar(3, "load", shown=None) as bar:
+    with progress_bar("sweep", 3, "load", shown=None) as bar:
         assert capsys.readouterr().err == ""
         time.sleep(0.5)
         bar.update(2)
         assert "2/3" in capsys.readouterr().err
-        with progress_bar(1, "solve", shown=None) as inner:
+        with progress_bar("path", 1, "solve", shown=None) as inner:
             time.sleep(0.5)
             inner.update()
         assert capsys.readouterr().err == ""
@@ -65,14 +65,14 @@ def test_by_default_a_bar_appears_after_a_while_and_goes(capsys):
 
 @pytest.mark.usefixtures("watched")
 def test_short_work_shows_no_bar(capsys):
-    with progress_bar(3, "load", shown=None) as bar:
+    with progress_bar("sweep", 3, "load", shown=None) as bar:
         bar.update(3)
     assert capsys.readouterr().err == ""
 
 
 def test_in_a_pipe_no_bar_appears_by_itself(monkeypatch, capsys):
     monkeypatch.setattr(progress, "DELAY", 0.05)
-    with progress_bar(3, "load", shown=None) as bar:
+    with progress_bar("sweep", 3, "load", shown=None) as bar:
         time.sleep(0.3)
         bar.update(3)
     assert capsys.readouterr().err == ""
@@ -84,3 +84,13 @@ def test_a_variable_silences_bars_in_a_terminal(monkeypatch):
     assert progress.is_watched()
     monkeypatch.setenv("TQDM_DISABLE", "1")
     assert not progress.is_watched()
+
+
+def test_bars_say_what_they_show(capsys):
+    with progress.one_of_several(2, 6), progress_bar("pull-off", 3, "%", shown=True):
+        pass
+    with progress_bar("path", 3, "%", shown=True):
+        pass
+    first, *_, last = capsys.readouterr().err.strip().splitlines()
+    assert "pull-off 2 of 6:" in first
+    assert "path:" in last
