@@ -1,7 +1,10 @@
 """The command line."""
 
+import codecs
+import io
 import os
 import sys
+import unicodedata
 import warnings
 from importlib import import_module
 
@@ -12,9 +15,13 @@ from jaxstab.cli.parsing import BAD_INPUT, CLOSED_PIPE, FAILED, INTERRUPTED, End
 # when it is imported.
 os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")
 
+# Spellings in ASCII of characters that have no decomposition into letters of ASCII.
+_SPELLINGS = str.maketrans({"\u03bc": "u", "±": "+-", "\u00d7": "x", "\u2013": "-", "\u2212": "-"})
+
 
 def start() -> None:
     """Run the command line with a compilation cache; a reader that has gone ends it."""
+    open_streams()
     try:
         try:
             main(with_cache=True)
@@ -24,6 +31,30 @@ def start() -> None:
         # Python flushes once more when it ends.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         raise SystemExit(CLOSED_PIPE) from None
+
+
+def open_streams() -> None:
+    """Make standard output and error print anything: a message must not fail as it is printed.
+
+    Characters that the terminal's encoding lacks are spelled in others. A stream that is closed is
+    replaced by the null device, which also takes its number before another file does.
+    """
+    codecs.register_error("spelled", _spelled)
+    for name in ("stdout", "stderr"):
+        stream = getattr(sys, name)
+        if stream is None:
+            setattr(sys, name, open(os.devnull, "w"))  # noqa: SIM115
+        elif isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="spelled")
+
+
+def _spelled(error: UnicodeError) -> tuple[str, int]:
+    """Return a spelling in ASCII of characters that cannot be encoded, and where they end."""
+    assert isinstance(error, UnicodeEncodeError)
+    characters = error.object[error.start : error.end]
+    spellings = (unicodedata.normalize("NFKD", x).translate(_SPELLINGS) for x in characters)
+    plain = (text.encode("ascii", "ignore").decode() or "?" for text in spellings)
+    return "".join(plain), error.end
 
 
 def main(arguments: list[str] | None = None, *, with_cache: bool = False) -> None:

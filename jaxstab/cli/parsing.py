@@ -1,6 +1,7 @@
 """How arguments are read: bad ones end in one line and the exit code 2."""
 
 import argparse
+import os
 import re
 import tomllib
 from collections.abc import Callable, Iterable
@@ -85,6 +86,11 @@ def existing_file(text: str) -> Path:
     if not Path(text).is_file():
         raise argparse.ArgumentTypeError(f"there is no file {text}.")
     return Path(text)
+
+
+def typed_text(argument: str) -> str:
+    """Return an argument as it was typed, where the locale's encoding is that of no terminal."""
+    return os.fsencode(argument).decode("utf-8", "replace")
 
 
 def number(text: str) -> float:

@@ -17,7 +17,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from matplotlib.text import Text
 
-from jaxstab.core.atomic_write import write_whole
+from jaxstab.core.atomic_write import require_writable, write_whole
 from jaxstab.core.checks import require_kind
 from jaxstab.core.warn import warn
 
@@ -99,6 +99,7 @@ def new_file(file: str | Path, endings: Collection[str], overwrite: bool) -> Pat
         )
     if not path.parent.is_dir():
         raise FileNotFoundError(f"The folder {path.parent} does not exist: make it first.")
+    require_writable(path.parent)
     return path
 
 

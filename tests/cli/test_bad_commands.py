@@ -1,3 +1,4 @@
+import io
 import os
 import subprocess
 import sys
@@ -5,7 +6,8 @@ import sys
 import numpy as np
 import pytest
 
-from jaxstab.__main__ import main
+from jaxstab.__main__ import main, open_streams
+from jaxstab.cli import parsing
 from jaxstab.cli.options import in_options
 
 SMALL = ["--size", "32", "--k-high", "8", "--study", "unloading", "--number", "5"]
@@ -159,3 +161,39 @@ def test_advice_has_the_form_of_the_command_line(tmp_path, capsys):
         ),
     ):
         assert in_options(python) == options
+
+
+def test_characters_that_a_terminal_lacks_are_spelled(tmp_path, monkeypatch):
+    # A name that is no UTF-8, as Python reads it.
+    file = tmp_path / "w\udce9ave.txt"
+    np.savetxt(file, np.cos(2 * np.pi * np.arange(16) / 16)[:, None] * np.ones(16))
+    written = io.BytesIO()
+    terminal = io.TextIOWrapper(written, "ascii")
+    monkeypatch.setattr(sys, "stdout", terminal)
+    monkeypatch.setattr(sys, "stderr", terminal)
+    open_streams()
+    main(["info", str(file), "--lengths", "2000", "--unit", "µm"])
+    with pytest.raises(SystemExit):
+        main(["info", str(file), "--lengths", "2000", "--unit", "elle à dû"])
+    print("3 ± 1 m², Å Œ")
+    terminal.flush()
+    said = written.getvalue().decode("ascii")
+    assert "2000 x 2000 um" in said
+    assert "w?ave.txt: the unit is 'elle a du': choose one of km, m, mm, um, nm, A, pm" in said
+    assert said.endswith("3 +- 1 m2, A ?\n")
+
+
+def test_an_argument_is_what_was_typed_in_any_locale(monkeypatch):
+    # As Python reads it where the locale is C and UTF-8 is off.
+    monkeypatch.setattr(os, "fsencode", lambda text: text.encode("ascii", "surrogateescape"))
+    assert parsing.typed_text("\udcc2\udcb5m") == "µm"
+
+
+def test_streams_that_are_closed_take_what_is_said(monkeypatch):
+    monkeypatch.setattr(sys, "stdout", None)
+    monkeypatch.setattr(sys, "stderr", None)
+    open_streams()
+    with pytest.raises(SystemExit):
+        main(["cite", "equilibrat"])
+    print("nobody reads this")
+    sys.stdout.flush()
