@@ -91,7 +91,10 @@ def test_a_value_reads_with_the_prefix_that_suits_it(unit, value, text):
 
 
 def test_no_prefix_is_hidden_or_raised_to_a_power():
-    assert measured(Units("m", "Pa"), 1.23e-6, "length/resistivity") == "1.23e-06"
+    assert measured(Units("m", "Pa"), 1.23e-6, "length/time") == "1.23e-06"
+    # A conductance is one over the resistivity that the user gave.
+    assert measured(Units("m", "Pa"), 1.23e-6, "length/resistivity") == "1.23 µm/resistivity"
+    assert measured(Units(), 1.23e-6, "length/resistivity") == "1.23e-06"
     # The square of 1 MPa µm^2 = 1e-6 N.
     assert unit_symbol(Units("µm", "MPa"), "force^2") == "1e-12 N^2"
     assert measured(Units("m", "Pa"), 3e-12, "force^2") == "3e-12 N²"

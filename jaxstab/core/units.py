@@ -363,8 +363,11 @@ def measured(units: Units, value: float, dimension: str, digits: int = 3) -> str
 
 
 def shown_unit(unit: str) -> str:
-    """Return a unit as it stands beside a number; nothing where it is unknown, even in a part."""
-    is_known = _DIMENSIONS.isdisjoint(re.findall("[a-z]+", unit))
+    """Return a unit as it stands beside a number; nothing where it is unknown, even in a part.
+
+    A resistivity has the unit in which the user gave it, and stands for it.
+    """
+    is_known = (_DIMENSIONS - {"resistivity"}).isdisjoint(re.findall("[a-z]+", unit))
     if not is_known or unit == "1":
         return ""
     return typeset(unit)

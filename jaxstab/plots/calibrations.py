@@ -7,7 +7,8 @@ from matplotlib.axes import Axes
 
 from jaxstab.calibration import Calibration
 from jaxstab.core.checks import require_kind, require_one_of
-from jaxstab.core.units import FORCE
+from jaxstab.core.units import FORCE, LENGTH
+from jaxstab.loads import FarDisplacement
 from jaxstab.plots.style import (
     BLUE,
     VERMILION,
@@ -16,6 +17,7 @@ from jaxstab.plots.style import (
     draw_zero,
     label_axes,
     quantity_label,
+    with_dimension,
 )
 
 _ORDINATES = {"force": "force", "residuals": "measured less fitted force"}
@@ -54,5 +56,9 @@ def calibration(
         draw_zero(axes)
         add_legend(axes)
     ordinate = f"{_ORDINATES[quantity]} [{FORCE}]"
-    label_axes(axes, quantity_label("load", fit.load), ordinate, fit.contact.units)
+    abscissa = quantity_label("load", fit.load)
+    if isinstance(fit.load, FarDisplacement):
+        # A curve is measured over the position of the tip, which is the load of the far side.
+        abscissa = with_dimension("tip position", LENGTH)
+    label_axes(axes, abscissa, ordinate, fit.contact.units)
     return axes

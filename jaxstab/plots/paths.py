@@ -13,7 +13,7 @@ from matplotlib.axis import XAxis, YAxis
 from jaxstab.branches import Branch, Turn
 from jaxstab.core.checks import require_kind, require_one_of
 from jaxstab.core.display import several
-from jaxstab.core.units import LENGTH, measured
+from jaxstab.core.units import LENGTH, measured, readable_unit, shown_unit
 from jaxstab.loading import Observed, Path
 from jaxstab.loading.sweep import Sweep
 from jaxstab.plots.style import (
@@ -27,7 +27,6 @@ from jaxstab.plots.style import (
     label_axis,
     quantity_label,
     scale_decades,
-    scaled_label,
 )
 
 Quantity = Literal[
@@ -125,7 +124,8 @@ def _draw(path: Path, x: Quantity, y: Quantity, axes: Axes) -> Axes:
     part = np.cumsum(np.diff(forth, prepend=forth[0]) != 0)
     is_last = np.isin(np.arange(loads.size), np.asarray(path.jumps.state))
     branch = np.cumsum(np.concatenate([[False], is_last[:-1]]))
-    divisor, _ = _load_label(path)
+    largest = float(np.abs(loads).max())
+    divisor, unit = readable_unit(units, path.load.unit, largest)
     for i, j in sorted(set(zip(part, branch, strict=True))):
         chosen = np.flatnonzero((part == i) & (branch == j))
         # The line starts at the state before, unless a jump lies between.
@@ -141,7 +141,8 @@ def _draw(path: Path, x: Quantity, y: Quantity, axes: Axes) -> Axes:
             style = _APPROACH
         label = None
         if j == branch[part == i][0]:
-            label = f"{name} to {loads[part == i][-1] / divisor:.3g}"
+            end = f"{loads[part == i][-1] / divisor:.3g} {shown_unit(unit)}".rstrip()
+            label = f"{name} to {end}"
         colour = PALETTE[i % len(PALETTE)]
         axes.plot(there[chosen], across[chosen], ".-", color=colour, label=label, **style)
     scale(axes.xaxis, path, x)
@@ -156,14 +157,9 @@ def _draw(path: Path, x: Quantity, y: Quantity, axes: Axes) -> Axes:
 
 
 def _with_legend(path: Path, axes: Axes) -> Axes:
-    add_legend(axes, title=fill(_load_label(path)[1], _LEGEND_WIDTH))
+    name = path.load.quantity or type(path.load).__name__
+    add_legend(axes, title=fill(name, _LEGEND_WIDTH))
     return axes
-
-
-def _load_label(path: Path) -> tuple[float, str]:
-    units = path.equilibrium.units
-    largest = np.abs(path.load.value).max()
-    return scaled_label(units, quantity_label("load", path.load), largest)
 
 
 def scale(axis: XAxis | YAxis, path: _Curve, quantity: Quantity) -> None:

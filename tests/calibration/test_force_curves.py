@@ -67,7 +67,7 @@ def test_a_retraction_gives_modulus_work_range_and_zeros_within_their_errors(law
     assert axes.get_ylabel() == "force [nN]"
     axes = js.plots.calibration(fit, "residuals", axes=plt.subplots()[1])
     np.testing.assert_allclose(axes.lines[0].get_ydata(), fit.residuals)
-    assert axes.get_xlabel().endswith("[nm]")
+    assert axes.get_xlabel() == "tip position [nm]"
     plt.close("all")
 
 

@@ -1,5 +1,7 @@
 """Defaults, scales and colours that all figures share."""
 
+from dataclasses import replace
+
 import equinox as eqx
 import jax.numpy as jnp
 import matplotlib.pyplot as plt
@@ -11,6 +13,7 @@ from matplotlib.text import Text
 
 import jaxstab as js
 from jaxstab import plots
+from jaxstab.core.units import Units
 
 
 def under(result, load):
@@ -87,6 +90,15 @@ def test_a_legend_names_approach_and_retraction(loop):
     assert [text.get_text() for text in right.get_legend().get_texts()][:2] == [
         "approach to 1.2",
         "retraction to 1.6",
+    ]
+    assert right.get_legend().get_title().get_text() == "mean\ndisplacement\n$u_0$"
+    nanometres = eqx.tree_at(lambda x: x.load.value, loop, 1e-9 * loop.load.value)
+    states = replace(loop.equilibrium, units=Units("m", "Pa"))
+    nanometres = replace(nanometres, equilibrium=states)
+    right = plots.path(nanometres).figure.axes[1]
+    assert [text.get_text() for text in right.get_legend().get_texts()][:2] == [
+        "approach to 1.2 nm",
+        "retraction to 1.6 nm",
     ]
     # The direction is that of the load, whatever the gap does.
     pressed = plots.path(under(loop, js.MeanPressure(loop.load.value))).figure.axes[1]
