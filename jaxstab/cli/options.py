@@ -14,6 +14,7 @@ from jaxstab.cli.parsing import (
     nearest,
     number,
     option_of,
+    typed_text,
     whole_number,
 )
 
@@ -130,7 +131,7 @@ def _add_run(parser: Parser) -> None:
     add("--k-high", type=number, default=32.0, help=f"upper cut-off{_DEFAULT}")
     add("--rms-height", type=number, default=0.1, help=f"rms height{_DEFAULT}")
     _add_file(parser, "measured surface", "--surface")
-    _add_treatment(parser, "as they are, with a warning", None)
+    _add_treatment(parser, 1, "1", "as they are, with a warning")
     # Defaults of the paper's example, which suit the generated surface.
     add = parser.add_argument_group("solid and adhesion (all needed with --surface)").add_argument
     add("--youngs-modulus", type=number, default=1e-3, help=f"E{_DEFAULT}")
@@ -175,17 +176,18 @@ def _add_file(parser: Parser, title: str, *names: str) -> None:
         add(name, type=existing_file, metavar="FILE", help=help)
     help = "lengths of its sides, or one length of all, if the file has none"
     add("--lengths", type=number, nargs="+", metavar="L", help=help)
-    add("--unit", help="unit of lengths and heights, if the file has none")
-    add("--channel", help="channel to read (default: the first with heights)")
+    help = "unit of lengths and heights, if the file has none"
+    add("--unit", type=typed_text, help=help)
+    add("--channel", type=typed_text, help="channel to read (default: the first with heights)")
 
 
-def _add_treatment(parser: Parser, default: str, periodic: str | None) -> None:
-    """Add the options of the treatment of a measured surface."""
+def _add_treatment(parser: Parser, detrend: int | None, trend: str, periodic: str) -> None:
+    """Add the options of the treatment of a measured surface, with their defaults in words."""
     add = parser.add_argument_group("treatment of a measured surface").add_argument
-    help = f"order of the trend that is removed{_DEFAULT}"
-    add("--detrend", type=whole_number(0, 2), default=1, help=help)
-    help = f"how to make its edges meet (default: {default})"
-    add("--periodic", choices=["window", "mirror", "as_is"], default=periodic, help=help)
+    help = f"order of the trend that is removed (default: {trend})"
+    add("--detrend", type=whole_number(0, 2), default=detrend, help=help)
+    help = f"how to make its edges meet (default: {periodic})"
+    add("--periodic", choices=["window", "mirror", "as_is"], help=help)
 
 
 def _add_import(parser: Parser) -> None:
@@ -222,8 +224,11 @@ def _add_info(parser: Parser) -> None:
 
 def _add_report(parser: Parser) -> None:
     _add_file(parser, "a scan", "file")
-    _add_treatment(parser, "window", "window")
-    help = "points along the longest side (default: as many as the scan has, at most 128)"
+    _add_treatment(parser, None, "1, or 0 if its edges meet", "mirror, or as_is if they meet")
+    help = (
+        "points along the longest side of the periodic cell, which a mirrored scan makes twice as "
+        "long (default: as many as it has, at most 128)"
+    )
     parser.add_argument("--size", type=whole_number(8), help=help)
     add = parser.add_argument_group("solid and adhesion, in SI units").add_argument
     add("--modulus", type=number, required=True, metavar="E", help="Young's modulus [Pa]")
@@ -231,7 +236,10 @@ def _add_report(parser: Parser) -> None:
     add("--poisson-ratio", type=number, default=0.5, metavar="NU", help=help)
     help = "work of adhesion w, twice gamma of equal surfaces [J/m^2]"
     add("--work", type=number, required=True, metavar="W", help=help)
-    help = "range of an exponential attraction [m] (default: the shortest that the grid resolves)"
+    help = (
+        "range of an exponential attraction [m]; to one that the grid does not resolve the "
+        "pull-off is extrapolated (default: the shortest that the grid resolves)"
+    )
     add("--range", type=number, metavar="RHO", help=help)
     help = f"the page{_DEFAULT}"
     default = Path("report.html")

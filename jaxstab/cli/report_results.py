@@ -3,26 +3,34 @@
 import argparse
 import math
 import warnings
-from dataclasses import dataclass
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from typing import Literal
 
 import jax.numpy as jnp
 import numpy as np
 
 import jaxstab as js
 from jaxstab.branches.differentiable_limit import CriticalLoad
-from jaxstab.cli.problem import topography_of
+from jaxstab.cli.problem import levelled, surface_of
 from jaxstab.contact.resolution import FOR_JUMPS, PINNING
+from jaxstab.core.display import times
+from jaxstab.core.progress import is_watched, one_of_several
 from jaxstab.core.results import RESULTS
+from jaxstab.core.warn import warn
 from jaxstab.equilibrium import Equilibrium
 from jaxstab.stability import Stability
 from jaxstab.surfaces import Topography
 
-# Points along the longest side for which a report takes two minutes.
+# Points along the longest side of the periodic cell for which a report takes a few minutes, and
+# those below which a scan has no roughness to speak of.
 _POINTS = 128
+_FEWEST = 8
 # Mean pressures over E* times the rms slope. Without adhesion twice that share of the area is in
 # contact.
 _PRESSURES = (0.0, 0.05, 0.15)
-# The loop turns at this many ranges above the highest point, and at this share of the rms height.
+# The loop turns at this many ranges above the highest point, and at this share of the rms height,
+# or of the range on a flat surface.
 _FAR = 10.0
 _NEAR = 1e-3
 # The least loss of a located jump, as in `follow`: by default a loop takes twice as long, for about
@@ -34,6 +42,10 @@ _LONGER = 2.0
 # have it and are so many times as long.
 _RESOLVED = 8.0
 _RATIOS = 1.3 ** np.arange(4)
+# The inner part of a scan begins at this share of each side, where a window ends.
+_INSIDE = 0.1
+
+Treatment = Literal["window", "mirror", "as_is"]
 
 
 @dataclass(frozen=True)
@@ -47,71 +59,161 @@ class LoadedState:
 
 @dataclass(frozen=True)
 class Tension:
-    """The tension of the pull-off, with its error by the range and the grid.
+    """The tension of the pull-off at a range, with its error by the range and the grid.
 
     Attributes:
         value: the tension; NaN without a pull-off.
-        error: of it; NaN where it is not known.
+        error: of it by range and grid; NaN where it is not known.
+        range: the range of the law at which it holds.
         extrapolation: from longer ranges, None where the grid resolves the range.
         refusal: why the extrapolation tells no value, "" where it does.
     """
 
     value: float
     error: float
+    range: float
     extrapolation: js.Extrapolation | None = None
     refusal: str = ""
 
 
 @dataclass(frozen=True)
-class Results:
-    """The results that a report shows.
+class Treated:
+    """A scan whose edges were made to meet in one of several ways, and its pull-off.
 
     Attributes:
-        scan: the surface with all its points, in metres.
-        power_law: of the scan's spectrum.
+        name: the way.
+        surface: the periodic cell, with the spacing of the contact.
+        pull_off: at the range of the contact's law.
+        keeps_roughness: whether the way leaves the heights as they were measured.
+    """
+
+    name: str
+    surface: Topography
+    pull_off: CriticalLoad
+    keeps_roughness: bool
+
+
+@dataclass(frozen=True)
+class Results:
+    """The results that a report shows; those that are not computed yet are None.
+
+    Attributes:
+        scan: the scan with all its points, levelled and filled, in metres.
+        treatment: how opposite edges were made to meet, as in `Topography.periodic`.
+        measured: a periodic surface with the heights of the scan, for its statistics.
+        power_law: of the spectrum, or the reason why it has none.
         surface: the surface on the points of the contact.
         solid, law: of the contact.
+        range: the range that was asked for; that of the law is longer if the grid does not resolve
+            it.
         contact: the contact problem.
         states: states under three pressures, the first without load.
-        loop: the path of approach and retraction.
-        pull_offs: of the contact, of one with a longer range, and of one on half the points.
+        pull_off: of the contact.
         tension: of the pull-off, with its error.
+        treated: the scan with its edges made to meet in several ways, as in the contact first;
+            empty if they meet.
+        longer: the pull-off at a longer range.
+        coarser: the pull-off on half the points.
+        loop: the path of approach and retraction, computed last.
     """
 
     scan: Topography
-    power_law: js.surfaces.PowerLaw
+    treatment: Treatment
+    measured: Topography
+    power_law: js.surfaces.PowerLaw | str
     surface: Topography
     solid: js.HalfSpace
     law: js.potentials.Exponential
+    range: float
     contact: js.Contact
-    states: list[LoadedState]
-    loop: js.Path
-    pull_offs: list[CriticalLoad]
-    tension: Tension
+    states: list[LoadedState] | None = None
+    pull_off: CriticalLoad | None = None
+    tension: Tension | None = None
+    treated: list[Treated] | None = None
+    longer: CriticalLoad | None = None
+    coarser: CriticalLoad | None = None
+    loop: js.Path | None = None
+
+    @property
+    def error_by_edges(self) -> float:
+        """The error of the pull-off by the treatment of the edges, over the pull-off.
+
+        The largest change by another way that keeps the roughness; NaN if one is not known.
+        """
+        if not self.treated:
+            return 0.0
+        first, *others = self.treated
+        changes = [change(first.pull_off, x.pull_off) for x in others if x.keeps_roughness]
+        return float(np.max(np.abs(changes)))
 
 
-def results_of(options: argparse.Namespace) -> Results:
-    """Return the results for the options of a report."""
-    scan = topography_of(options.file, options)
+def change(pull_off: CriticalLoad, other: CriticalLoad) -> float:
+    """Return the relative change from a pull-off to another one, NaN if one was not found."""
+    if not pull_off.result == other.result == RESULTS.successful:
+        return math.nan
+    return float(other.load.value / pull_off.load.value) - 1
+
+
+def results_of(options: argparse.Namespace) -> Iterator[Results]:
+    """Yield the results for the options of a report, more complete each time."""
+    scan = _scan(options)
+    treatment: Treatment = options.periodic or ("as_is" if scan.edges_meet else "mirror")
+    # A mirrored surface has the heights of the scan, and no step.
+    measured = scan.periodic("as_is" if treatment == "as_is" else "mirror")
+    surface = _resampled(scan.periodic(treatment), options.size)
+    solid = js.HalfSpace(surface.grid, options.modulus, options.poisson_ratio)
+    law, asked = _law_and_range(solid, surface, options)
+    contact = js.Contact(solid, surface, law)
+    power_law = _power_law(measured)
+    known = Results(scan, treatment, measured, power_law, surface, solid, law, asked, contact)
+    yield known
+    known = replace(known, states=loaded_states(contact, solid))
+    yield known
+    is_resolved = asked >= float(law.length) and float(contact.resolution) >= _RESOLVED
+    number = 3 + (0 if is_resolved else _RATIOS.size + 1) + (0 if treatment == "as_is" else 2)
+    pull_off = _PullOffs(number)
+    known = replace(known, pull_off=pull_off(contact))
+    yield known
+    known = replace(known, tension=_tension(known, pull_off))
+    yield known
+    known = replace(known, treated=_treated(known, pull_off))
+    _warn_of_treatment(known)
+    yield known
+    longer = _law(options, _LONGER * float(law.length))
+    known = replace(known, longer=pull_off(js.Contact(solid, surface, longer)))
+    yield known
+    coarser = surface.resampled([max(2, -(-points // 2)) for points in surface.grid.shape])
+    coarse_solid = js.HalfSpace(coarser.grid, options.modulus, options.poisson_ratio)
+    # A coarser grid is its purpose.
+    with warnings.catch_warnings(action="ignore", category=js.ResolutionWarning):
+        known = replace(known, coarser=pull_off(js.Contact(coarse_solid, coarser, law)))
+    yield known
+    assert known.states is not None
+    yield replace(known, loop=_loop(contact, solid, law, known.states[-1].equilibrium))
+
+
+def _scan(options: argparse.Namespace) -> Topography:
+    """Return the scan in metres, levelled and filled."""
+    scan = surface_of(options.file, options)
     if scan.unit is None:
         raise ValueError(f"{options.file} has no unit of length: give --unit, as in --unit um.")
-    scan = scan.in_unit("m")
-    power_law = js.surfaces.power_law(js.surfaces.power_spectrum(scan.grid, scan))
-    surface = _resampled(scan, options.size)
-    solid = js.HalfSpace(surface.grid, options.modulus, options.poisson_ratio)
-    law = _law(solid, surface, options)
-    contact = js.Contact(solid, surface, law)
-    states = loaded_states(contact, solid)
-    loop = _loop(contact, solid, law, states[-1].equilibrium)
-    longer = js.potentials.Exponential(options.work, _LONGER * law.length)
-    coarser = surface.resampled([-(-points // 2) for points in surface.grid.shape])
-    coarser_solid = js.HalfSpace(coarser.grid, options.modulus, options.poisson_ratio)
-    pull_offs = [_pull_off(contact), _pull_off(js.Contact(solid, surface, longer))]
-    # A coarser grid is the purpose of the last one.
-    with warnings.catch_warnings(action="ignore", category=js.ResolutionWarning):
-        pull_offs.append(_pull_off(js.Contact(coarser_solid, coarser, law)))
-    tension = _tension(contact, pull_offs[0])
-    return Results(scan, power_law, surface, solid, law, contact, states, loop, pull_offs, tension)
+    if min(scan.grid.shape) < _FEWEST:
+        raise ValueError(
+            f"{options.file} has {times(scan.grid.shape)} points, too few for a roughness: give a "
+            f"scan of at least {_FEWEST} along each side."
+        )
+    order = options.detrend
+    if order is None:
+        # The best plane of a periodic surface, which its long waves tilt, would part its edges.
+        order = 0 if scan.edges_meet else 1
+    return levelled(scan, order).in_unit("m")
+
+
+def _power_law(surface: Topography) -> js.surfaces.PowerLaw | str:
+    try:
+        return js.surfaces.power_law(js.surfaces.power_spectrum(surface.grid, surface))
+    except ValueError as error:
+        return f"none: {error}"
 
 
 def _resampled(surface: Topography, size: int | None) -> Topography:
@@ -122,30 +224,46 @@ def _resampled(surface: Topography, size: int | None) -> Topography:
     return surface.resampled([max(2, round(size * n / most)) for n in surface.grid.shape])
 
 
-def _law(
+def _law_and_range(
     solid: js.HalfSpace, surface: Topography, options: argparse.Namespace
-) -> js.potentials.Exponential:
-    """Return the law of adhesion; by default its range is the shortest that the grid resolves."""
-    length = options.range
+) -> tuple[js.potentials.Exponential, float]:
+    """Return the law of adhesion, at a range that the grid resolves, and the range asked for.
+
+    By default this is the shortest that the grid resolves.
+    """
     longest = float(surface.lengths.max())
-    if length is not None and length > longest:
+    wide = _law(options, longest)
+    shortest = float(js.resolved_range(js.Contact(solid, surface, wide), FOR_JUMPS))
+    power = math.floor(math.log10(shortest)) - 1
+    # Rounded up to two digits.
+    resolved = float(f"{math.ceil(shortest / 10.0**power)}e{power}")
+    if options.range is None:
+        return _law(options, resolved), resolved
+    # The law checks it.
+    law = _law(options, options.range)
+    if options.range > longest:
         raise ValueError(
-            f"--range is {length:g} m, longer than the scan of {longest:.3g} m: give it in metres, "
-            "as 2e-9 for 2 nm."
+            f"--range is {options.range:g} m, longer than the periodic cell of {longest:.3g} m: "
+            "give it in metres, as 2e-9 for 2 nm."
         )
-    if length is None:
-        wide = js.potentials.Exponential(options.work, surface.lengths.max())
-        shortest = float(js.resolved_range(js.Contact(solid, surface, wide), FOR_JUMPS))
-        power = math.floor(math.log10(shortest)) - 1
-        # Rounded up to two digits.
-        length = float(f"{math.ceil(shortest / 10.0**power)}e{power}")
+    if options.range < shortest:
+        law = _law(options, resolved)
+        warn(
+            f"the grid does not resolve a range of {options.range:g} m: the pull-off is "
+            f"extrapolated to it, and all else is computed at a range of {resolved:g} m. More "
+            "points, by `size`, resolve a shorter one: four times as many along a side half of it."
+        )
+    return law, options.range
+
+
+def _law(options: argparse.Namespace, length: float) -> js.potentials.Exponential:
     return js.potentials.Exponential(options.work, jnp.asarray(length))
 
 
 def loaded_states(contact: js.Contact, solid: js.HalfSpace) -> list[LoadedState]:
     """Return the states of the report under several pressures, with patches and verdicts."""
     slope = js.surfaces.rms_slope(contact.grid, contact.heights)
-    unit = solid.contact_modulus * slope
+    unit = float(solid.contact_modulus * slope) or float(contact.profile.max_attraction)
     states = []
     for share in _PRESSURES:
         equilibrium = js.equilibrate(contact, js.MeanPressure(share * unit))
@@ -167,38 +285,87 @@ def _loop(
     length = contact.grid.lengths.max()
     stretch = jnp.sqrt(math.pi * law.surface_energy * length / solid.contact_modulus)
     far = float(heights.max() - heights.mean() + _FAR * law.length + stretch)
-    near = max(float(pressed.mean_gap), _NEAR * float(heights.std()))
+    near = max(float(pressed.mean_gap), _NEAR * (float(heights.std()) or float(law.length)))
     turns = js.MeanGap(jnp.array([far, near, far]))
-    loop = js.follow(contact, turns, smallest_jump=_SMALLEST_JUMP, progress=True, throw=False)
+    loop = js.follow(
+        contact, turns, smallest_jump=_SMALLEST_JUMP, progress=is_watched(), throw=False
+    )
     _require_uninterrupted(loop.result)
     return loop
 
 
-def _pull_off(contact: js.Contact) -> CriticalLoad:
-    pull_off = js.pull_off(contact, progress=True, throw=False)
-    _require_uninterrupted(pull_off.result)
-    return pull_off
+class _PullOffs:
+    """Compute pull-offs, and number their bars."""
+
+    def __init__(self, total: int):
+        self.total = total
+        self.done = 0
+
+    def __call__(self, contact: js.Contact) -> CriticalLoad:
+        """Return the pull-off of a contact, which may not be found."""
+        self.done += 1
+        with one_of_several(self.done, self.total):
+            pull_off = js.pull_off(contact, progress=is_watched(), throw=False)
+        _require_uninterrupted(pull_off.result)
+        return pull_off
 
 
-def _tension(contact: js.Contact, pull_off: CriticalLoad) -> Tension:
-    """Return the tension of a pull-off, extrapolated if the grid does not resolve the range."""
-    if pull_off.result != RESULTS.successful:
-        return Tension(math.nan, math.nan)
-    computed = -float(pull_off.load.value)
+def _tension(known: Results, pull_off_of: _PullOffs) -> Tension:
+    """Return the tension of the pull-off, extrapolated if the grid does not resolve the range."""
+    contact = known.contact
+    length = float(known.law.length)
+    assert known.pull_off is not None
+    if known.pull_off.result != RESULTS.successful:
+        return Tension(math.nan, math.nan, length)
+    computed = -float(known.pull_off.load.value)
     resolution = float(contact.resolution)
-    if resolution >= _RESOLVED:
-        return Tension(computed, computed * PINNING / resolution**2)
+    if known.range >= length and resolution >= _RESOLVED:
+        return Tension(computed, computed * PINNING / resolution**2, length)
 
     def tension(longer: js.Contact) -> float:
-        found = _pull_off(longer)
+        found = pull_off_of(longer)
         return -float(found.load.value) if found.result == RESULTS.successful else math.nan
 
     ranges = _RATIOS * float(js.resolved_range(contact, _RESOLVED))
     try:
-        found = js.extrapolate(tension, contact, ranges=ranges)
+        found = js.extrapolate(tension, contact, ranges=ranges, to=known.range)
     except js.SolverError as error:
-        return Tension(computed, math.nan, refusal=str(error))
-    return Tension(float(found.value), float(found.error), found)
+        return Tension(computed, math.nan, length, refusal=str(error))
+    return Tension(float(found.value), float(found.error), known.range, found)
+
+
+def _treated(known: Results, pull_off_of: _PullOffs) -> list[Treated]:
+    """Return the scan with its edges made to meet in several ways, the way of the contact first."""
+    if known.treatment == "as_is":
+        return []
+    scan = known.scan
+    spacing = known.surface.lengths / known.surface.grid.shape
+    inner = scan.cropped(*[(_INSIDE * side, (1 - _INSIDE) * side) for side in scan.lengths])
+    cells = {
+        "mirror": ("mirrored", scan.periodic("mirror"), True),
+        "window": ("windowed", scan.periodic("window"), False),
+        "inner": ("inner part, mirrored", inner.periodic("mirror"), True),
+    }
+    assert known.pull_off is not None
+    name, _, keeps = cells.pop(known.treatment)
+    treated = [Treated(name, known.surface, known.pull_off, keeps)]
+    for name, cell, keeps in cells.values():
+        surface = cell.resampled([round(n) for n in (cell.lengths / spacing).tolist()])
+        solid = js.HalfSpace(surface.grid, known.solid.contact_modulus)
+        pull_off = pull_off_of(js.Contact(solid, surface, known.law))
+        treated.append(Treated(name, surface, pull_off, keeps))
+    return treated
+
+
+def _warn_of_treatment(known: Results) -> None:
+    if not known.treated:
+        return
+    first, *others = known.treated
+    changes = [f"{x.name} {100 * change(first.pull_off, x.pull_off):+.0f} %" for x in others]
+    warn(
+        f"the scan was {first.name} to make opposite edges meet. In other ways its pull-off "
+        f"changes: {', '.join(changes)}. If they meet as they are, give --periodic as_is."
+    )
 
 
 def _require_uninterrupted(result: RESULTS) -> None:

@@ -15,6 +15,11 @@ _ABOVE_LARGEST = 1.5
 # The least number of points along a side for these checks.
 _FEWEST = 32
 _SLOPES = 1e-5, 10.0
+# A lone point differs from the median of so many around by so many times as much as most points do,
+# and leaves the range of all others by this share of it.
+_AROUND = 5
+_LONE = 20.0
+_BEYOND_OTHERS = 0.5
 # A mark of missing points is farther from the heights than so many times their range.
 _FAR_OFF = 100.0
 
@@ -74,6 +79,33 @@ def has_wrong_scale(heights: np.ndarray, lengths: np.ndarray) -> list[str]:
         f"the rms slope is {slope:.3g}: heights of rms {rms(heights):.3g} on sides of "
         f"{times(lengths, '.4g')} are hardly in one unit. Give `lengths` in the unit of the "
         "heights."
+    ]
+
+
+def edges_meet(heights: np.ndarray) -> bool:
+    """Whether the jump across each periodic edge is as the increments between neighbours."""
+    return not any(_has_edge_jump(heights, axis, _ABOVE_LARGEST) for axis in range(heights.ndim))
+
+
+def lone_points(heights: np.ndarray) -> list[str]:
+    """Return a sentence if a few heights stand out alone, as dust and errors of a sensor do.
+
+    A summit of several points is none, nor are the tops of a pattern, which share a height.
+    """
+    from scipy.ndimage import median_filter
+
+    apart = np.abs(heights - median_filter(heights, _AROUND, mode="nearest"))
+    is_lone = apart > _LONE * np.median(apart)
+    others = heights[~is_lone]
+    margin = _BEYOND_OTHERS * np.ptp(others)
+    is_lone &= (heights > others.max() + margin) | (heights < others.min() - margin)
+    if not is_lone.any():
+        return []
+    farthest = heights[is_lone][np.argmax(apart[is_lone])]
+    return [
+        f"{is_lone.sum()} of {heights.size} heights stand out alone, the farthest at "
+        f"{farthest:.3g}, while all others lie from {others.min():.3g} to {others.max():.3g}: if "
+        "this is dust or an error of the instrument, replace it by nan in the file, to be filled."
     ]
 
 

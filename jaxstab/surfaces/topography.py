@@ -25,7 +25,7 @@ from jaxstab.surfaces.formats import scan_of
 
 FILL = "fill them, as by `js.surfaces.Topography(grid, heights).filled()`."
 _TAPER = 0.1
-_TRENDS = ("its mean", "its best plane", "its best quadric")
+_TRENDS = ("mean", "best plane", "best quadric")
 _FILLINGS = {"harmonic": 1, "biharmonic": 2}
 
 
@@ -80,6 +80,11 @@ class Topography:
     def num_missing(self) -> int:
         """The number of missing points."""
         return int(np.isnan(self.heights).sum())
+
+    @property
+    def edges_meet(self) -> bool:
+        """Whether opposite edges are known to meet, or step as neighbours do, up to 1.5 times."""
+        return self.is_periodic or faults.edges_meet(self.heights)
 
     @property
     def suspicions(self) -> list[str]:
@@ -168,7 +173,9 @@ class Topography:
         require_one_of("order", order, (0, 1, 2))
         heights = self.heights - processing.trend(self.heights, order)
         is_periodic = self.is_periodic and order == 0
-        return self._changed(f"{_TRENDS[order]} off", heights=heights, is_periodic=is_periodic)
+        return self._changed(
+            f"{_TRENDS[order]} subtracted", heights=heights, is_periodic=is_periodic
+        )
 
     def in_unit(self, unit: str) -> "Topography":
         """Convert lengths and heights to another unit of length.
@@ -282,7 +289,7 @@ class Topography:
         """
         require_one_of("how", how, ("window", "mirror", "as_is"))
         if how == "as_is":
-            return self._changed("said to be periodic", is_periodic=True)
+            return self._changed("taken as periodic", is_periodic=True)
         grid = self.grid
         heights = self.heights
         if how == "window":

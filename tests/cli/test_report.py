@@ -1,14 +1,19 @@
 import shlex
+import warnings
 from html.parser import HTMLParser
-from itertools import pairwise
+from itertools import pairwise, takewhile
 from types import SimpleNamespace
 
+import jax
 import numpy as np
 import pytest
 
 import jaxstab as js
 from jaxstab.__main__ import main
 from jaxstab.cli import page
+from jaxstab.cli.options import read
+from jaxstab.cli.report_results import results_of
+from jaxstab.surfaces.processing import trend
 
 MATERIAL = ["--modulus", "1e6", "--poisson-ratio", "0.4", "--work", "0.05"]
 SCAN = ["--lengths", "2", "1.5", "--unit", "um"]
@@ -71,7 +76,7 @@ def test_a_report_loads_nothing_and_takes_no_text_for_tags(made):
 def test_a_reports_numbers_are_those_of_the_library(made):
     shown, file = made
     surface = js.surfaces.read(file, lengths=(2.0, 1.5), unit="um").detrended().filled()
-    surface = surface.periodic("window").detrended(0).in_unit("m")
+    surface = surface.periodic("as_is").in_unit("m")
     solid = js.HalfSpace(surface.grid, 1e6, 0.4)
     law = js.potentials.Exponential(0.05, 1e-7)
     shortest = float(js.resolved_range(js.Contact(solid, surface, law)))
@@ -80,7 +85,10 @@ def test_a_reports_numbers_are_those_of_the_library(made):
     assert shortest <= length < 1.1 * shortest
     contact = js.Contact(solid, surface, js.potentials.Exponential(0.05, length))
 
-    assert shown.row("rms height") == [f"{1e9 * np.std(surface.heights):.3g} nm"]
+    assert shown.row("rms height") == 2 * [f"{1e9 * np.std(surface.heights):.3g} nm"]
+    energy = float(js.surfaces.full_contact_energy(solid, surface))
+    (adhesion, _) = shown.row("w less the elastic energy of full contact")
+    assert adhesion == f"{1e3 * (0.05 - energy):.3g} mJ/m²"
     assert shown.row("E* = E / (1 - nu²)") == [f"{1 / 0.84:.3g} MPa"]
     state = js.equilibrate(contact, js.MeanPressure(0.0))
     verdict = js.assess_stability(contact, state).verdict.name.replace("_", " ")
@@ -92,11 +100,12 @@ def test_a_reports_numbers_are_those_of_the_library(made):
     found = js.extrapolate(lambda other: -js.pull_off(other).load.value, contact, ranges=ranges)
     value, error = float(found.value) / 1e3, float(found.error) / 1e3
     rounded = float(f"{error:.1g}")
-    assert shown.row("pull-off") == [f"{value:.3g} ± {rounded:g} kPa"]
-    assert any("is extrapolated to the range" in text for text in shown.texts)
+    at = f"{1e9 * length:.3g} nm"
+    assert shown.row(f"pull-off at the range {at}") == [f"{value:.3g} ± {rounded:g} kPa"]
+    assert any("is extrapolated from longer ranges" in text for text in shown.texts)
     assert shown.row(f"{1e9 * float(found.ranges[0]):.3g} nm")[0] == "8"
     tension = -float(js.pull_off(contact).load.value)
-    assert shown.row("as above")[0] == f"{tension / 1e3:.3g} kPa"
+    assert shown.row(f"range {at}")[0] == f"{tension / 1e3:.3g} kPa"
     assert abs(value - tension / 1e3) < error
     coarse = surface.resampled((8, 6))
     other = js.Contact(js.HalfSpace(coarse.grid, 1e6, 0.4), coarse, contact.potential)
@@ -119,22 +128,200 @@ def test_a_report_states_what_was_done_and_the_command(made):
     assert any("Rey" in text and "Computational Mechanics" in text for text in shown.texts)
 
 
+def options_of(file, *arguments):
+    return read(["report", str(file), *SCAN, *MATERIAL, *arguments])[1]
+
+
+def rough(size, rms=0.1):
+    """A periodic surface of so many points, with waves of 16 to 4 spacings, on 2 x 1.5 µm."""
+    grid = js.Grid((size, size), (2.0, 1.5))
+    heights = js.surfaces.self_affine(
+        grid, jax.random.key(0), k_low=size / 16, k_high=size / 4, rms_height=rms
+    )
+    return np.array(heights)
+
+
+@pytest.fixture
+def written(tmp_path):
+    """Write heights to a file and return it."""
+
+    def write(heights):
+        np.savetxt(tmp_path / "heights.txt", heights)
+        return tmp_path / "heights.txt"
+
+    return write
+
+
+# Half of the surface, with twice the points, has edges that do not meet.
+PERIODIC, CUT = rough(32), rough(64)[:32, :32]
+WAVE = 0.1 * np.sin(2 * np.pi * np.arange(32) / 32)[:, None] * np.ones(32)
+
+
+@pytest.mark.parametrize(
+    ("heights", "arguments", "treatment"),
+    [
+        (PERIODIC, [], "as_is"),
+        (PERIODIC + np.linspace(0, 3, 32)[:, None], [], "as_is"),
+        # The best plane of one wave is no tilt.
+        (WAVE, [], "as_is"),
+        (np.zeros((8, 8)), [], "as_is"),
+        (CUT, [], "mirror"),
+        (CUT + np.linspace(0, 3, 32), [], "mirror"),
+        (CUT, ["--periodic", "window"], "window"),
+        (PERIODIC, ["--periodic", "window"], "window"),
+    ],
+)
+def test_only_a_scan_whose_edges_do_not_meet_is_treated(heights, arguments, treatment, written):
+    known = next(results_of(options_of(written(heights), *arguments)))
+    assert known.treatment == treatment
+    # What was measured stays, whatever the treatment does to it.
+    is_flat = heights is PERIODIC or heights is WAVE
+    flat = heights if is_flat else heights - trend(heights, 1)
+    assert known.measured.heights.std() == pytest.approx(1e-6 * flat.std(), rel=1e-3, abs=1e-12)
+    measured = float(js.surfaces.rms_height(known.measured))
+    contact = float(js.surfaces.rms_height(known.surface))
+    assert (contact < 0.95 * measured) == (treatment == "window")
+
+
+def test_measured_and_treated_values_stand_side_by_side(written, tmp_path, monkeypatch):
+    file = written(CUT)
+    monkeypatch.setattr("jaxstab.cli.report_results.loaded_states", interrupt)
+    page_file = tmp_path / "report.html"
+    with pytest.raises(SystemExit) as stopped:
+        command = ["report", str(file), *SCAN, *MATERIAL, "--periodic", "window"]
+        main([*command, "--output", str(page_file)])
+    assert stopped.value.code == 130
+    shown = Page(page_file.read_text())
+    flat = CUT - trend(CUT, 1)
+    measured, windowed = (float(text.removesuffix(" nm")) for text in shown.row("rms height"))
+    assert measured == pytest.approx(1e3 * flat.std(), rel=5e-3)
+    assert windowed < 0.95 * measured
+    # The page can be read, and says what it lacks.
+    assert any("This page is not complete" in text for text in shown.texts)
+    (name,) = [cells[0] for cells in shown.rows if cells[0].startswith("pull-off")]
+    assert name == f"pull-off at the range {shown.row('range rho')[0].split(',')[0]}"
+    assert shown.row(name) == ["not computed yet"]
+
+
+def interrupt(*_, **__):
+    raise KeyboardInterrupt
+
+
+class Found(SimpleNamespace):
+    """A pull-off that was found, at a tension in Pa."""
+
+    def __init__(self, tension):
+        super().__init__(
+            result=js.RESULTS.successful,
+            load=js.MeanPressure(-tension),
+            kind=js.KINDS.fold,
+        )
+
+
+@pytest.mark.parametrize(
+    ("heights", "arguments", "error"),
+    [
+        # By points of the cell: mirrored 64, windowed 32, inner part 50.
+        (CUT, [], 0.12),
+        # From 100 to 80 kPa.
+        (CUT, ["--periodic", "window"], 0.2),
+        (PERIODIC, [], 0.0),
+    ],
+)
+def test_the_error_contains_what_the_edges_change(heights, arguments, error, written, monkeypatch):
+    tensions = {64: 80e3, 32: 100e3, 50: 80e3 * 1.12}
+
+    def pull_off(contact, **_):
+        return Found(tensions[contact.grid.shape[0]])
+
+    # At a range that the grid resolves.
+    options = options_of(written(heights), *arguments, "--size", "64", "--range", "4e-7")
+    if "window" in arguments or heights is PERIODIC:
+        options.size = 32
+    monkeypatch.setattr(js, "pull_off", pull_off)
+    monkeypatch.setattr("jaxstab.cli.report_results.loaded_states", lambda *_: [])
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        known = next(known for known in results_of(options) if known.treated is not None)
+    assert known.error_by_edges == pytest.approx(error)
+    said = [str(x.message) for x in caught if "opposite edges meet" in str(x.message)]
+    assert len(said) == (error > 0)
+    if error == 0.12:
+        assert "the scan was mirrored" in said[0]
+        assert "windowed +25 %, inner part, mirrored +12 %" in said[0]
+
+
+def test_a_range_that_the_grid_does_not_resolve_is_never_computed(written, monkeypatch):
+    computed = []
+
+    def pull_off(contact, **_):
+        computed.append(float(contact.resolution))
+        return Found(1e5 - 1e5 * (float(contact.potential.length) / 1e-6) ** 2)
+
+    monkeypatch.setattr(js, "pull_off", pull_off)
+    monkeypatch.setattr("jaxstab.cli.report_results.loaded_states", lambda *_: [])
+    with pytest.warns(UserWarning, match="does not resolve a range of 1e-09 m: the pull"):
+        *_, known = takewhile(
+            lambda known: known.longer is None,
+            results_of(options_of(written(PERIODIC), "--range", "1e-9")),
+        )
+    assert min(computed) > 3.99
+    # The tensions fall as the square of the range, to 100 kPa at zero.
+    assert known.tension.range == 1e-9
+    assert known.tension.value == pytest.approx(1e5, rel=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("heights", "arguments", "message"),
+    [
+        (np.eye(4), [], "has 4 x 4 points, too few for a roughness: give a scan of at least 8"),
+        (PERIODIC, ["--range", "0"], "The length of the potential is 0"),
+    ],
+)
+def test_what_has_no_report_is_said(heights, arguments, message, written):
+    with pytest.raises(ValueError, match=message):
+        next(results_of(options_of(written(heights), *arguments)))
+
+
+def test_heights_in_another_unit_are_told(written):
+    with pytest.warns(UserWarning, match="hardly in one unit"):
+        next(results_of(options_of(written(1e-6 * PERIODIC))))
+
+
+def test_a_spike_is_told(written):
+    heights = PERIODIC.copy()
+    heights[3, 5] = 5.0
+    with pytest.warns(UserWarning, match="1 of 1024 heights stand out alone"):
+        next(results_of(options_of(written(heights))))
+
+
+@pytest.mark.parametrize("heights", [np.zeros((8, 8)), np.sin(np.arange(16) * np.pi / 4)])
+def test_a_surface_without_a_spectrum_has_a_page(heights, written, tmp_path, monkeypatch):
+    monkeypatch.setattr("jaxstab.cli.report_results.loaded_states", interrupt)
+    file = written(heights.reshape(-1, 1) * np.ones(8) if heights.ndim == 1 else heights)
+    with pytest.raises(SystemExit):
+        main(["report", str(file), *SCAN, *MATERIAL, "--output", str(tmp_path / "a.html")])
+    (text,) = Page((tmp_path / "a.html").read_text()).row("Hurst exponent")
+    assert text.startswith("none: The spectrum has")
+
+
 @pytest.mark.parametrize("name", ["follow", "pull_off"])
-def test_a_report_whose_search_is_interrupted_ends_and_writes_nothing(
-    name, scan, tmp_path, monkeypatch, capsys
+def test_a_report_whose_search_is_interrupted_leaves_its_page(
+    name, written, tmp_path, monkeypatch, capsys
 ):
     # Both return what they have at Ctrl-C.
     ended = SimpleNamespace(result=js.RESULTS.interrupted)
     state = SimpleNamespace(equilibrium=SimpleNamespace(mean_gap=1e-8))
-    found = SimpleNamespace(result=js.RESULTS.successful)
     monkeypatch.setattr("jaxstab.cli.report_results.loaded_states", lambda *_: [state])
-    monkeypatch.setattr(js, "follow", lambda *_, **__: found)
+    monkeypatch.setattr("jaxstab.cli.report._parts", lambda *_: ["part"])
+    monkeypatch.setattr(js, "pull_off", lambda *_, **__: Found(1e5))
     monkeypatch.setattr(js, name, lambda *_, **__: ended)
+    arguments = [*SCAN, *MATERIAL, "--range", "4e-7", "--output", str(tmp_path / "report.html")]
     with pytest.raises(SystemExit) as stopped:
-        main(["report", str(scan), *SCAN, *MATERIAL, "--output", str(tmp_path / "report.html")])
+        main(["report", str(written(PERIODIC)), *arguments])
     assert stopped.value.code == 130
     assert capsys.readouterr().err.endswith("jaxstab: interrupted.\n")
-    assert not (tmp_path / "report.html").exists()
+    assert "part" in (tmp_path / "report.html").read_text()
 
 
 def test_texts_of_a_page_are_no_tags():
@@ -156,7 +343,10 @@ def test_texts_of_a_page_are_no_tags():
         ([*SCAN, "--modulus", "-1", "--work", "0.05"], "Young's modulus is -1"),
         ([*SCAN, "--modulus", "1e6", "--work", "-1"], "surface energy is -1"),
         ([*SCAN, *MATERIAL, "--range", "0"], "The length of the potential is 0"),
-        ([*SCAN, *MATERIAL, "--range", "50"], "--range is 50 m, longer than the scan of 2e-06 m"),
+        (
+            [*SCAN, *MATERIAL, "--range", "50"],
+            "--range is 50 m, longer than the periodic cell",
+        ),
         ([*SCAN, *MATERIAL, "--size", "4"], "--size: '4' is not a whole number of at least 8."),
         (["--lengths", "2", "1.5", *MATERIAL], "has no unit of length: give --unit"),
         ([*SCAN, *MATERIAL, "--output", "there.html"], "there.html exists, and is not overwritten"),

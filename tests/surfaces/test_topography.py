@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import jaxstab as js
-from jaxstab.surfaces import Topography
+from jaxstab.surfaces import Topography, faults
 
 LAW = js.potentials.Exponential(0.01, 0.2)
 
@@ -358,3 +358,54 @@ def test_what_looks_wrong_is_still_said_once_a_fourier_series_has_spread_it():
             js.Contact(solid, changed, js.potentials.NoAdhesion())
         assert not change(tilted.detrended(1).periodic("window")).edge_faults
     assert not tilted.resampled((32, 24), "area").edge_faults
+
+
+PILLARS = np.kron([[1.0, 0.0], [0.0, 0.0]], np.ones((16, 16)))
+
+
+@pytest.mark.parametrize(
+    ("heights", "meets"),
+    [
+        (clean(), True),
+        (np.sin(2 * np.pi * np.arange(64) / 64)[:, None] * np.ones(48), True),
+        (np.zeros((8, 8)), True),
+        # A wall of a periodic pattern lies at its edge.
+        (PILLARS, True),
+        (clean()[:32, :], False),
+        (clean()[:, :40], False),
+        (np.sin(3 * np.pi * np.arange(64) / 64 + 1)[:, None] * np.ones(48), False),
+        (clean() + 0.5 * np.arange(48)[:, None] / 48, False),
+    ],
+)
+def test_edges_meet_if_they_step_as_neighbours_do(heights, meets):
+    assert topography(heights).edges_meet is meets
+    assert topography(heights).periodic("as_is").edges_meet
+
+
+def with_heights(heights, places, value):
+    heights = np.array(heights)
+    heights[places] = value
+    return heights
+
+
+@pytest.mark.parametrize(
+    ("heights", "number"),
+    [
+        (clean(), 0),
+        # The highest summit of a rough surface, and one of several points.
+        (with_heights(clean(), (7, 9), 0.2), 0),
+        (np.maximum(clean(), 0), 0),
+        (PILLARS, 0),
+        (with_heights(clean(), (7, 9), 5.0), 1),
+        (with_heights(clean(), (7, 9), -1.0), 1),
+        (with_heights(clean(), (slice(7, 9), slice(9, 11)), 5.0), 4),
+        # A line of the scan.
+        (with_heights(clean(), (7, slice(None)), 5.0), 64),
+        (with_heights(np.zeros((16, 16)), (7, 9), 1e-3), 1),
+    ],
+)
+def test_points_that_stand_out_alone_are_told(heights, number):
+    sentences = faults.lone_points(heights)
+    assert len(sentences) == (number > 0)
+    for sentence in sentences:
+        assert f"{number} of {heights.size} heights stand out alone" in sentence
