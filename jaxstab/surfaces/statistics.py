@@ -207,6 +207,9 @@ def effective_work_of_adhesion(
     the gradient of the Fourier series, on a window of the mirrored surface, and U the energy of
     full contact. If it is negative, the surfaces do not stay in full contact.
 
+    A `Contact` counts the energy of its law per projected area, without the factor A / A0: in full
+    contact it gains w - U / A0, with U / A0 from `full_contact_energy`.
+
     Arguments:
         solid: the solid, of any kind.
         heights: the surface on its grid [length].

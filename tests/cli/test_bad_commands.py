@@ -179,7 +179,7 @@ def test_characters_that_a_terminal_lacks_are_spelled(tmp_path, monkeypatch):
     terminal.flush()
     said = written.getvalue().decode("ascii")
     assert "2000 x 2000 um" in said
-    assert "w?ave.txt: the unit is 'elle a du': choose one of km, m, mm, um, nm, A, pm" in said
+    assert "w?ave.txt: the unit is 'elle a du': choose one of km, m, cm, mm, um, nm, A, pm" in said
     assert said.endswith("3 +- 1 m2, A ?\n")
 
 
