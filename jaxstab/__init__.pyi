@@ -101,6 +101,7 @@ from .stability import (
     lowest_modes,
     release,
 )
+from .stability.symmetry import SymmetryWarning
 from .stability.verdict import VERDICTS
 from .studies import StudyInterrupted, study
 from .surfaces import SurfaceWarning
@@ -179,6 +180,7 @@ __all__ = [
     "SurfaceWarning",
     "Sweep",
     "SweepInterrupted",
+    "SymmetryWarning",
     "TaylorTest",
     "Transition",
     "Turn",

@@ -31,6 +31,7 @@ from jaxstab.stability.search import smallest_eigenpairs
 from jaxstab.stability.solvers.base import ConeSolver
 from jaxstab.stability.solvers.cone_lobpcg import ProjectedLOBPCG
 from jaxstab.stability.solvers.davidson import Davidson
+from jaxstab.stability.symmetry import warn_of_symmetry
 from jaxstab.stability.verdict import (
     VERDICTS,
     Stability,
@@ -95,6 +96,10 @@ def assess_stability(
     Returns:
         Three eigenvalues with their modes, and the verdict that they prove.
 
+    Warns:
+        SymmetryWarning: for an unstable state whose mode breaks a symmetry that surface and gap
+            share, a mirror image or a period along a side, as on a mirrored scan.
+
     Raises:
         ValueError: if the equilibrium has another grid or precision than the contact.
         TypeError: if the solver is not one for cones, the key not a random one, or an equilibrium
@@ -121,7 +126,9 @@ def assess_stability(
         # Not all searches are needed.
         advance_to(lambda: _NUM_SEARCHES)
         stability = with_derivatives(stability, inputs)
-    return finished(stability, problem, describe, throw)
+    stability = finished(stability, problem, describe, throw)
+    warn_of_symmetry(contact, equilibrium, stability)
+    return stability
 
 
 @in_pieces
