@@ -133,7 +133,7 @@ def speed(names: Names, panels: list[Axes]) -> None:
     curves.set(xlabel="mean gap [µm]", ylabel="tension [kPa]", title="held for 100 s")
     curves.legend()
     times = sorted(key[0] for key in runs if key[1] == 1)
-    largest = [-1e3 * float(runs[time, 1].mean_pressure.min()) for time in times]
+    largest = [1e3 * float(runs[time, 1].largest_tension) for time in times]
     dwell.semilogx(times, largest, "o-", color=BLUE)
     dwell.set(xlabel="dwell time [s]", ylabel="largest tension [kPa]", title="pulled at 1 µm/s")
 

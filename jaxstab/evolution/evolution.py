@@ -17,13 +17,25 @@ from jaxstab.core.checks import require_kind
 from jaxstab.core.display import column
 from jaxstab.core.results import RESULTS
 from jaxstab.core.types import Field, Scalar
-from jaxstab.core.units import ENERGY, FORCE, LENGTH, NUMBER, PRESSURE, TIME, Dimensioned
+from jaxstab.core.units import ENERGY, FORCE, LENGTH, NUMBER, PRESSURE, TIME, Dimensioned, measured
 from jaxstab.equilibrium import Equilibrium
 from jaxstab.equilibrium.equilibrium import state_at
 from jaxstab.loads import Load, MeanDisplacement, MeanGap
 from jaxstab.solids.viscoelastic import Viscoelastic
 
 Tree = TypeVar("Tree")
+# The fields of an evolution that its single states share.
+OF_RUN: tuple[str, ...] = (
+    "contact",
+    "last",
+    "reached",
+    "jump_times",
+    "dissipation",
+    "largest_tension",
+    "largest_tension_time",
+    "largest_compression",
+    "largest_compression_time",
+)
 
 
 class Internal(eqx.Module):
@@ -78,6 +90,11 @@ class Evolution(Totals):
         reached: the time of the last state that was found [time].
         jump_times: when the contact jumped; under JAX transformations the end of each step [time].
         dissipation: the energy lost in each jump; under JAX transformations in each step [energy].
+        largest_tension: the largest of -p0 at the end of any step of the run, between the times
+            too: negative if the contact never pulls [pressure].
+        largest_tension_time: when that was [time].
+        largest_compression: the largest p0, likewise [pressure].
+        largest_compression_time: when that was [time].
         num_steps: the number of steps that led to each state from the one before.
         result: a member of `RESULTS`: how each state was reached.
     """
@@ -91,6 +108,10 @@ class Evolution(Totals):
     reached: Annotated[Scalar, TIME]
     jump_times: Annotated[Float[Array, " jumps"], TIME]
     dissipation: Annotated[Float[Array, " jumps"], ENERGY]
+    largest_tension: Annotated[Scalar, PRESSURE]
+    largest_tension_time: Annotated[Scalar, TIME]
+    largest_compression: Annotated[Scalar, PRESSURE]
+    largest_compression_time: Annotated[Scalar, TIME]
     num_steps: Int[Array, "..."]
     result: RESULTS
 
@@ -106,14 +127,13 @@ class Evolution(Totals):
         places = np.arange(len(self))[index]
         if self.is_batch:
             return jax.tree.map(lambda leaf: leaf[places], self)
-        names = "contact", "last", "reached", "jump_times", "dissipation"
-        of_all = {name: getattr(self, name) for name in names}
+        of_all = {name: getattr(self, name) for name in OF_RUN}
         if places.size == 0:
             of_all["last"] = None
         elif (end := np.ravel(places)[-1]) < len(self) - 1:
             of_all["last"] = jax.tree.map(lambda leaf: leaf[end], self.fields)
             of_all["reached"] = jnp.minimum(self.reached, self.times[end])
-        picked = replace(self, **dict.fromkeys(names))
+        picked = replace(self, **dict.fromkeys(OF_RUN))
         return replace(jax.tree.map(lambda leaf: leaf[places], picked), **of_all)
 
     @property
@@ -184,7 +204,15 @@ class Evolution(Totals):
         balance = {name: getattr(self, name) for name in ("work", "stored", "dissipated", "lost")}
         columns |= measured_columns(balance, units, ENERGY)
         columns["steps"] = column(self.num_steps, str)
-        return display.table(columns | {"result": column(self.result.name, str)})
+        extremes = [
+            f"largest {name} {measured(units, float(value), PRESSURE)} at time {float(time):.6g}"
+            for name, value, time in (
+                ("tension", self.largest_tension, self.largest_tension_time),
+                ("compression", self.largest_compression, self.largest_compression_time),
+            )
+        ]
+        table = display.table(columns | {"result": column(self.result.name, str)})
+        return "\n".join([table, *extremes])
 
 
 def or_nan(tree: Tree, result: RESULTS) -> Tree:

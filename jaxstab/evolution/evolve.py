@@ -244,17 +244,32 @@ def _evolution(
     """Return the evolution of a contact to the ends that were reached, with derivatives."""
     inputs = problem.contact, problem.state, times, start
     record, increments = steps
-    legs, _, fractions, losses = increments.rows
-    found = Replay(ends.totals, losses, jnp.zeros_like(losses), record.internal)
-    totals, losses, delays, last = attach(changes, found, (increments, ends), inputs)
+    legs, _, fractions, losses, pressures = increments.rows
+    pressures = jnp.append(ends.totals.mean_pressure[:1], pressures)
+    found = Replay(ends.totals, losses, pressures, jnp.zeros_like(losses), record.internal)
+    totals, losses, pressures, delays, last = attach(changes, found, (increments, ends), inputs)
     step_ends = along(times, legs, fractions) + delays
     number = ends.num_steps.size
+    # The room behind the last increment is empty. The state before a jump is there twice, and the
+    # second one moves with the jump.
+    order = jnp.arange(pressures.size)
+    signed = jnp.stack([-pressures, pressures])
+    signed = jnp.where(order <= increments.count, signed, -jnp.inf)
+    is_extreme = signed == jnp.max(signed, axis=1, keepdims=True)
+    extremes = jnp.max(jnp.where(is_extreme, order, 0), axis=1)
+    tension, compression = jnp.take_along_axis(signed, extremes[:, None], axis=1)[:, 0]
+    # Which step is the extreme one has no derivative.
+    instants = attach(undefined, jnp.append(times[:1], step_ends)[extremes], None, inputs)
     evolution = Evolution(
         **vars(totals) | {"stored": totals.stored - totals.stored[0]},
         contact=contact,
         load=problem.state[:number],
         times=times[:number],
         force=totals.mean_pressure * contact.area,
+        largest_tension=tension,
+        largest_tension_time=instants[0],
+        largest_compression=compression,
+        largest_compression_time=instants[1],
         fields=attach(undefined, ends.internal, None, inputs),
         last=last,
         reached=jnp.where(increments.count > 0, step_ends[increments.count - 1], times[0]),

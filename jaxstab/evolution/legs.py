@@ -60,15 +60,20 @@ class Leg(NamedTuple):
 
 
 class Increment(NamedTuple):
-    """A step that was accepted: its leg, the fractions of the leg at its ends, the loss of a jump.
+    """A step that was accepted. Before one with a jump stands one of no length.
 
-    Before one with a jump stands one of no length.
+    Attributes:
+        leg: the number of its leg.
+        start, end: the fractions of the leg at its ends.
+        loss: of a jump.
+        mean_pressure: at its end.
     """
 
     leg: Int[Array, "..."]
     start: Float[Array, "..."]
     end: Float[Array, "..."]
     loss: Float[Array, "..."]
+    mean_pressure: Float[Array, "..."]
 
 
 class LegEnd(NamedTuple):
@@ -99,7 +104,7 @@ def no_increments(max_steps: int, dtype: Any) -> Table[Increment]:
     """Return a table of increments with room for a number of steps."""
     # A jump takes two entries.
     column = jnp.zeros(max_steps + 1, dtype)
-    return Table(Increment(column.astype(int), column, column, column), jnp.array(0))
+    return Table(Increment(column.astype(int), *[column] * 4), jnp.array(0))
 
 
 def along(column: Float[Array, " times"], leg: Int[Array, "..."] | int, fraction: Array) -> Array:
@@ -148,9 +153,11 @@ def _follow_leg(stepping: TimeStepping, steps: Steps, leg: Leg) -> tuple[Steps, 
         new = with_loss(is_accepted & (energy_error > 1))
         loss = new.totals.lost - old.totals.lost
         # A step of no length before a jump moves with it in derivatives.
-        pause = Increment(leg.number, start, start, jnp.zeros_like(loss))
+        none = jnp.zeros_like(loss)
+        pause = Increment(leg.number, start, start, none, old.totals.mean_pressure)
         increments = increments.with_entry(pause, loss > 0)
-        increments = increments.with_entry(Increment(leg.number, start, end, loss), is_accepted)
+        step = Increment(leg.number, start, end, loss, new.totals.mean_pressure)
+        increments = increments.with_entry(step, is_accepted)
 
         record, fraction = choose(is_accepted, (new, end), (old, start))
         next_dt = jnp.maximum(_next_length(old.dt, dt, error), shortest)

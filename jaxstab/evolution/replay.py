@@ -25,12 +25,14 @@ class Replay(NamedTuple):
     Attributes:
         totals: the scalars at the given times.
         losses: of each increment.
+        pressures: the mean pressure at the start, and at the end of each increment.
         delays: of the end of each increment, all zero; their derivatives are those of jump times.
         last: gap and strains at the end.
     """
 
     totals: Totals
     losses: Float[Array, " increments"]
+    pressures: Float[Array, " states"]
     delays: Float[Array, " increments"]
     last: Internal
 
@@ -73,7 +75,7 @@ def replay(
         old, delay_before = carry
 
         def step() -> Carry:
-            leg, begin, end, loss = entry_of(increments.rows, i)
+            leg, begin, end, loss, _ = entry_of(increments.rows, i)
             span = times[leg + 1] - times[leg]
             rate = (load.value[leg + 1] - load.value[leg]) / span
             has_jumped = loss > 0
@@ -102,6 +104,7 @@ def replay(
     return Replay(
         totals=jax.tree.map(lambda leaf: leaf[counts], totals),
         losses=jnp.diff(totals.lost),
+        pressures=totals.mean_pressure,
         delays=delays[1:],
         last=last.internal,
     )

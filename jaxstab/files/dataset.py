@@ -23,6 +23,7 @@ from jaxstab.core.units import LENGTH, unit_symbol
 from jaxstab.equilibrium import Equilibrium
 from jaxstab.equilibrium.verify import recognised
 from jaxstab.evolution import Evolution
+from jaxstab.evolution.evolution import OF_RUN
 from jaxstab.files.records import NamedArray, Recorder, Structure
 from jaxstab.files.tabulated_law import law_variables
 from jaxstab.loading import Path
@@ -74,6 +75,8 @@ _NAMES = {
     "is_direct": "whether each pass leads straight to detached surfaces",
     "incremental_stiffness": "force over a small approach",
     "index": "number of negative eigenvalues on the free points",
+    "largest_compression": "largest mean pressure at the end of any step",
+    "largest_tension": "largest tension at the end of any step",
     "length": "range",
     "loads": "mean pressure, positive in compression",
     "lost": "energy lost in jumps",
@@ -98,7 +101,7 @@ _STATES = {"load": ("state",), "equilibrium": ("state",)}
 _OWN_AXES: Mapping[type, Mapping[str, tuple[str, ...]]] = {
     Path: {**_STATES, "jumps": ("jump",)},
     Branch: {**_STATES, "index": ("state",), "turns": ("turn",)},
-    Evolution: {"last": (), "reached": (), "jump_times": ("jump",), "dissipation": ("jump",)},
+    Evolution: dict.fromkeys(OF_RUN, ()) | dict.fromkeys(("jump_times", "dissipation"), ("jump",)),
     Detachment: dict.fromkeys(("loads", "barriers", "errors"), ("load",)),
     Transition: {"minima": ("minimum",), "images": ("image",), "energies": ("image",)},
 }

@@ -93,6 +93,45 @@ def test_gaps_are_those_of_the_hereditary_integral():
     assert np.max(np.abs(found.fields.gap - expected)) < 1e-6 * 0.02
 
 
+@pytest.mark.parametrize(
+    ("make", "values"),
+    [
+        # The tension rises and falls smoothly, or ends in a jump.
+        (js.MeanDisplacement, (0.05, 0.0, 0.09)),
+        (lambda u: js.Spring(u, 0.3), (0.05, -0.05, 0.2)),
+    ],
+    ids=["displacement", "spring"],
+)
+def test_extremes_of_a_run_do_not_depend_on_the_recorded_times(make, values):
+    contact = viscoelastic()
+    contact = js.Contact(contact.solid, 2 * contact.heights, contact.potential)
+    turns = np.arange(3.0)
+    run = js.evolve(contact, make(jnp.array(values)), turns)
+    assert run.largest_tension > 1.5 * -np.min(run.mean_pressure)
+    # Records around the extremes find them.
+    near = float(run.largest_tension_time) + 0.1 * np.linspace(-1, 1, 41) ** 3
+    often = np.union1d(turns, near)
+    dense = js.evolve(contact, make(jnp.interp(often, turns, jnp.array(values))), often)
+    pressures = np.asarray(dense.mean_pressure)
+    assert run.largest_tension == pytest.approx(-pressures.min(), rel=2e-3)
+    assert run.largest_compression == pytest.approx(pressures.max(), rel=2e-3)
+    assert run.largest_tension_time == pytest.approx(often[pressures.argmin()], abs=2e-3)
+    assert run.largest_compression_time == 1
+    # A state is of the same run, which says it in print.
+    assert run[1].largest_tension == run.largest_tension
+    assert f"largest tension {float(run.largest_tension):.3g} at time " in repr(run)
+
+
+def test_extremes_of_a_run_that_fails_are_those_of_its_steps():
+    contact = viscoelastic()
+    pull = js.MeanPressure(jnp.array([0.0, -1.0]))
+    run = js.evolve(contact, pull, jnp.array([0.0, 1.0]), throw=False)
+    assert run.result[-1] == "pulled_off"
+    # The load is linear in time.
+    assert 0 < run.largest_tension == pytest.approx(float(run.reached))
+    assert run.largest_tension_time == run.reached and run.largest_compression_time == 0
+
+
 @pytest.mark.nightly
 def test_halving_the_steps_quarters_the_error():
     contact = viscoelastic(energy=0.0005)

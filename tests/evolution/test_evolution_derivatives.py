@@ -37,9 +37,10 @@ def differentiated(parameters, heights, other_ratio, values, rtol, weights):
 
 
 def jumps(run):
-    """Return the loss and the time of the last jump, and force and work at a time behind it."""
+    """Return the largest tension, the loss, the last time of a jump, force and work behind it."""
     last = jnp.max(jnp.where(run.dissipation > 0, run.jump_times, 0))
-    return jnp.stack([jnp.sum(run.dissipation), last, run.force[8], run.work[8]])
+    lost = jnp.sum(run.dissipation)
+    return jnp.stack([run.largest_tension, lost, last, run.force[8], run.work[8]])
 
 
 def test_derivatives_by_law_ratio_time_and_speed_are_those_of_differences():
@@ -90,7 +91,10 @@ def test_derivatives_behind_jumps_are_those_of_differences():
     for i, tolerance in ((0, 5e-3), (1, 2e-2)):
         step = 1e-4 * point[i] * jnp.eye(4)[i]
         difference = jumps(pull(point + step)[0]) - jumps(pull(point - step)[0])
-        np.testing.assert_allclose(forward[3][:, i], difference / (2e-4 * point[i]), tolerance)
+        slopes = difference / (2e-4 * point[i])
+        np.testing.assert_allclose(forward[3][1:, i], slopes[1:], tolerance)
+        # The largest tension is that before a jump, and hardly changes with the ratio.
+        np.testing.assert_allclose(forward[3][0, i], slopes[0], 5e-3, 1e-3)
 
 
 @pytest.mark.filterwarnings("ignore::jaxstab.ResolutionWarning")
@@ -101,7 +105,7 @@ def test_derivatives_behind_two_releases_at_once_are_nan_in_both_modes(noise):
     values = jnp.linspace(0.07, 0.17, 9)
     run, forward, reverse = differentiated(point, heights, 0.0, values, 1e-3, jnp.eye(9)[8])
     assert jnp.sum(run.dissipation > 0) > 0
-    assert np.all(np.isnan(forward[3][1:])) and np.all(np.isnan(reverse))
+    assert np.all(np.isnan(forward[3][2:])) and np.all(np.isnan(reverse))
 
 
 def test_many_speeds_at_once_are_those_alone():
@@ -117,6 +121,11 @@ def test_many_speeds_at_once_are_those_alone():
     batch = jax.vmap(pulled)(speeds)
     assert np.array(batch.mean_pressure) == pytest.approx(alone, abs=1e-12)
     assert np.array(batch.force) == pytest.approx(np.array([run.force for run in runs]), abs=1e-12)
+    # Entries take other numbers of steps, and leave room empty.
+    extremes = np.array([(run.largest_tension, run.largest_tension_time) for run in runs])
+    found = np.transpose([batch.largest_tension, batch.largest_tension_time])
+    np.testing.assert_allclose(found, extremes, rtol=1e-6)
+    assert np.all(extremes[:, 0] > 0) and np.all(extremes[:, 1] > 0)
     # A batch is a sequence of evolutions.
     assert len(batch) == 3
     assert batch[2][3].work == pytest.approx(float(runs[2][3].work), abs=1e-12)
