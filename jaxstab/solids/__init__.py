@@ -3,23 +3,33 @@
 from jaxstab.solids.free_half_space import FreeHalfSpace
 from jaxstab.solids.half_space import HalfSpace
 from jaxstab.solids.layers import CoatedHalfSpace, Layer
+from jaxstab.solids.prony_fit import RelaxationWarning
 from jaxstab.solids.solid import Altered, Solid, apart_from_mean
 from jaxstab.solids.spectral import Spectral, SpectralSolid, Waves
 from jaxstab.solids.surface_tension import Sheet, SurfaceTension
+from jaxstab.solids.temperature_shift import (
+    Arrhenius,
+    ShiftTable,
+    TemperatureShift,
+    WilliamsLandelFerry,
+)
 from jaxstab.solids.viscoelastic import Viscoelastic
-from jaxstab.solids.williams_landel_ferry import WilliamsLandelFerry
 
 __all__ = [
     "Altered",
+    "Arrhenius",
     "CoatedHalfSpace",
     "FreeHalfSpace",
     "HalfSpace",
     "Layer",
+    "RelaxationWarning",
     "Sheet",
+    "ShiftTable",
     "Solid",
     "Spectral",
     "SpectralSolid",
     "SurfaceTension",
+    "TemperatureShift",
     "Viscoelastic",
     "Waves",
     "WilliamsLandelFerry",

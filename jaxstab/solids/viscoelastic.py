@@ -31,7 +31,7 @@ from jaxstab.solids.prony_fit import (
     relaxation_of,
 )
 from jaxstab.solids.solid import Solid
-from jaxstab.solids.williams_landel_ferry import WilliamsLandelFerry
+from jaxstab.solids.temperature_shift import TemperatureShift
 
 
 def _of_relaxed(name: str) -> Any:
@@ -54,6 +54,8 @@ class Viscoelastic(Solid):
 
     Attributes:
         fit_error: the error of a fit to measured data, if one made the solid; else None.
+        relaxed_error: how far the relaxed modulus of the fit may be off, relative to itself; else
+            None.
 
     Raises:
         TypeError: for a solid that is not elastic.
@@ -65,19 +67,21 @@ class Viscoelastic(Solid):
     ratios: Annotated[Float[Array, " terms"], NUMBER]
     times: Annotated[Float[Array, " terms"], TIME]
     fit_error: Annotated[Scalar | None, NUMBER] = None
-    shift: WilliamsLandelFerry | None = None
+    relaxed_error: Annotated[Scalar | None, NUMBER] = None
+    shift: TemperatureShift | None = None
 
     def __init__(
         self,
         solid: Solid,
         ratios: ArrayLike,
         times: ArrayLike,
-        shift: WilliamsLandelFerry | None = None,
+        shift: TemperatureShift | None = None,
     ):
         _require_elastic("The relaxed solid", solid)
         self.solid = solid
         self.shift = shift
         self.fit_error = None
+        self.relaxed_error = None
         self.ratios = jnp.atleast_1d(parameter(ratios, "The ratios"))
         self.times = jnp.atleast_1d(parameter(times, "The relaxation times"))
         if self.ratios.ndim != 1 or self.ratios.shape != self.times.shape or not self.ratios.size:
@@ -134,6 +138,7 @@ class Viscoelastic(Solid):
         temperatures: ArrayLike | None = None,
         *,
         reference_temperature: ArrayLike | None = None,
+        shift: TemperatureShift | None = None,
     ) -> "Viscoelastic":
         """Fit a Prony series with non-negative moduli to a measured storage and loss modulus.
 
@@ -141,40 +146,53 @@ class Viscoelastic(Solid):
         E(w) = E_relaxed + sum E_k i w t_k / (1 + i w t_k) and E_relaxed, E_k >= 0 (SciPy's `nnls`;
         M. Baumgaertel and H. H. Winter, Rheol. Acta 28, 511 (1989), for the fit of moduli relative
         to the measured ones). Candidates are ten times t_k for each factor of ten, from 1 / w of
-        the highest frequency to 1 / w of the lowest; those without a modulus are left out. Outside
-        of the band the series is an extrapolation: its relaxed modulus is that of the lowest
-        frequencies.
+        the highest frequency to 1 / w of the lowest; those without a modulus are left out.
+        `fit_error` of the result is the largest |E - E_measured| / |E_measured| in the band.
+
+        Outside of the band the series is an extrapolation. Its relaxed modulus is that of the
+        lowest frequencies, and may be the one of any series with times up to ten times the longest
+        that fits the data as well, to two errors of their noise: the largest distance to it,
+        relative, is `relaxed_error`. A liquid, which has none, is fitted with a relaxed modulus of
+        a hundredth of the smallest measured one, so that its slowest terms flow.
 
         With temperatures the times are those at the reference temperature, and `shift` is the law
         of Williams, Landel and Ferry with which one series fits the data at all temperatures best,
-        E(w, T) = E(a_T w, T0) (time-temperature superposition). Moduli themselves are taken to
-        change with the frequency alone.
+        E(w, T) = E(a_T w, T0) (time-temperature superposition), unless one is given. Moduli
+        themselves are taken to change with the frequency alone. `shift.errors` are the standard
+        errors of C1 and C2.
 
-        `fit_error` of the result is the largest |E - E_measured| / |E_measured| in the band.
+        Frequencies that repeat at a temperature are averaged. Values that are negative by up to a
+        tenth of the largest are noise, and left out with those that are no larger.
 
         Arguments:
             solid: gives the kind of solid and Poisson's ratio; its Young's modulus becomes the
                 relaxed one.
-            frequencies: w, angular, in any order, each once at a temperature [1/time].
+            frequencies: w, angular, in any order [1/time].
             storage: E' at each frequency, of Young's modulus [pressure]. Shear moduli are to be
                 multiplied by 2 (1 + nu).
             loss: E'' at each frequency [pressure].
-            temperatures: T at which each was measured, three different ones or more, in kelvin or
-                in degrees Celsius; by default all are measured at one.
-            reference_temperature: T0, by default the middle one of the different temperatures.
+            temperatures: T at which each was measured, three different ones or more unless a
+                shift is given, in kelvin or in degrees Celsius; by default all are measured at one.
+            reference_temperature: T0, by default the one of a given shift, otherwise the middle one
+                of the different temperatures.
+            shift: a known shift factor of times over the temperature, as a
+                `jaxstab.solids.Arrhenius` or a `jaxstab.solids.ShiftTable`.
+
+        Warns:
+            RelaxationWarning: of values that are averaged or left out, of data without a plateau at
+                the lowest frequencies, of constants C1 and C2 that the temperatures do not
+                determine, and of curves that they do not join to 0.3 decades.
 
         Raises:
             TypeError: for a solid without a single Young's modulus, and under a JAX transformation:
                 the number of terms depends on the data.
             ValueError: for arrays of other or different shapes, numbers that are not finite,
-                frequencies that repeat, storage moduli or frequencies that are not positive,
-                negative losses, and data without a relaxed modulus or without any loss; for one or
-                two temperatures, neighbouring ones at which no storage modulus is the same, and
-                moduli that do not fall on heating.
+                frequencies that are not positive, storage and loss moduli that are negative but for
+                noise, and data without any loss; for one or two temperatures, neighbouring ones at
+                which no storage modulus is the same, and moduli that do not fall on heating.
         """
-        return cls._fitted(
-            OSCILLATION, solid, frequencies, (storage, loss), temperatures, reference_temperature
-        )
+        law = temperatures, reference_temperature, shift
+        return cls._fitted(OSCILLATION, solid, frequencies, (storage, loss), *law)
 
     @classmethod
     def from_relaxation(
@@ -185,23 +203,26 @@ class Viscoelastic(Solid):
         temperatures: ArrayLike | None = None,
         *,
         reference_temperature: ArrayLike | None = None,
+        shift: TemperatureShift | None = None,
     ) -> "Viscoelastic":
         """Fit a Prony series with non-negative moduli to a measured relaxation modulus.
 
         E(t) = E_relaxed + sum E_k exp(-t / t_k) is the stress at a time after a step of the strain,
-        over that strain. Fit, temperatures and `fit_error` are as in `from_storage_and_loss`, with
-        candidates for t_k from the shortest time of the data to the longest.
+        over that strain. Fit, errors, liquids, noise and temperatures are as in
+        `from_storage_and_loss`, with candidates for t_k from the shortest time of the data to the
+        longest. Values at the time 0 are left out.
 
         Arguments:
             solid: as in `from_storage_and_loss`.
-            times: t after the step, in any order, each once at a temperature [time].
+            times: t after the step, in any order [time].
             moduli: E at each time, of Young's modulus [pressure].
-            temperatures, reference_temperature: as in `from_storage_and_loss`.
+            temperatures, reference_temperature, shift: as in `from_storage_and_loss`.
 
-        Raises:
-            TypeError, ValueError: as `from_storage_and_loss`; times and moduli must be positive.
+        Warns, raises:
+            As `from_storage_and_loss`.
         """
-        return cls._fitted(RELAXATION, solid, times, (moduli,), temperatures, reference_temperature)
+        law = temperatures, reference_temperature, shift
+        return cls._fitted(RELAXATION, solid, times, (moduli,), *law)
 
     @classmethod
     def from_creep(
@@ -212,6 +233,7 @@ class Viscoelastic(Solid):
         temperatures: ArrayLike | None = None,
         *,
         reference_temperature: ArrayLike | None = None,
+        shift: TemperatureShift | None = None,
     ) -> "Viscoelastic":
         """Fit a Prony series to a measured creep compliance.
 
@@ -219,19 +241,20 @@ class Viscoelastic(Solid):
         stress, over that stress. It is fitted with J_0, J_k >= 0 as a modulus is in
         `from_storage_and_loss`, with candidates for the retardation times tau_k from the shortest
         time of the data to the longest. The Prony series with this creep follows exactly: it has as
-        many terms, and the relaxed modulus 1 / (J_0 + sum J_k). `fit_error` is the error of J.
+        many terms, and the relaxed modulus 1 / (J_0 + sum J_k). `fit_error` is the error of J. The
+        compliance of a liquid goes on to rise steadily: a term of a hundred times the longest time.
 
         Arguments:
             solid: as in `from_storage_and_loss`.
-            times: t after the step, in any order, each once at a temperature [time].
+            times: t after the step, in any order [time].
             compliances: J at each time, of Young's modulus [1/pressure].
-            temperatures, reference_temperature: as in `from_storage_and_loss`.
+            temperatures, reference_temperature, shift: as in `from_storage_and_loss`.
 
-        Raises:
-            TypeError, ValueError: as `from_storage_and_loss`; times and compliances must be
-                positive, and the fit must have a compliance at once.
+        Warns, raises:
+            As `from_storage_and_loss`; the fit must have a compliance at once.
         """
-        return cls._fitted(CREEP, solid, times, (compliances,), temperatures, reference_temperature)
+        law = temperatures, reference_temperature, shift
+        return cls._fitted(CREEP, solid, times, (compliances,), *law)
 
     @classmethod
     def _fitted(
@@ -242,6 +265,7 @@ class Viscoelastic(Solid):
         values: tuple[ArrayLike, ...],
         temperatures: ArrayLike | None,
         reference: ArrayLike | None,
+        shift: TemperatureShift | None,
     ) -> "Viscoelastic":
         """Return the solid with the series that fits measured data best."""
         _require_elastic("The solid", solid)
@@ -250,16 +274,16 @@ class Viscoelastic(Solid):
                 f"The solid is a {type(solid).__name__}, without one Young's modulus to replace: "
                 "give a HalfSpace, a FreeHalfSpace or a Layer."
             )
-        given = arguments, values, temperatures, reference
+        given = arguments, values, temperatures, reference, shift
         require_known(given, "The fit of a Prony series")
-        series = fitted(checked(kind, arguments, values, temperatures), reference)
+        series = fitted(checked(kind, arguments, values, temperatures), reference, shift)
         relaxed, moduli, times = relaxation_of(kind, series)
         relaxed_solid = eqx.tree_at(lambda solid: solid.youngs_modulus, solid, parameter(relaxed))
         found = cls(relaxed_solid, moduli / relaxed, times, series.shift)
         return eqx.tree_at(
-            lambda solid: solid.fit_error,
+            lambda solid: (solid.fit_error, solid.relaxed_error),
             found,
-            parameter(series.error),
+            (parameter(series.error), parameter(series.relaxed_error)),
             is_leaf=lambda x: x is None,
         )
 
@@ -270,12 +294,12 @@ class Viscoelastic(Solid):
             temperature: T, in the unit of the reference temperature of `shift`.
 
         Raises:
-            ValueError: without a `shift`, and for a temperature at which it diverges.
+            ValueError: without a `shift`, and for a temperature at which it is not defined.
         """
         if self.shift is None:
             raise ValueError(
-                "The solid has no shift of its times over the temperature: give it as `shift`, a "
-                "jaxstab.solids.WilliamsLandelFerry, or fit the solid to data at three or more."
+                "The solid has no shift of its times over the temperature: give it as `shift`, as "
+                "a jaxstab.solids.WilliamsLandelFerry, or fit the solid to data at three or more."
             )
         times = self.times * self.shift.factor(temperature)
         shift = self.shift.referred_to(temperature)

@@ -1,5 +1,7 @@
 """Prony series from measured relaxation and creep, and time-temperature superposition."""
 
+import warnings
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -7,6 +9,7 @@ import pytest
 from scipy.linalg import expm
 
 import jaxstab as js
+from jaxstab.solids import Arrhenius, RelaxationWarning, ShiftTable, WilliamsLandelFerry
 
 SOLID = js.HalfSpace(js.Grid(16), 2.0, 0.3)
 TIMES = np.logspace(-3, 2, 51)
@@ -162,7 +165,7 @@ def test_noise_and_deviations_of_the_temperature_leave_the_shift_near():
 
 
 def test_a_shift_is_a_law_that_can_be_given_moved_batched_and_differentiated():
-    law = js.solids.WilliamsLandelFerry(C1, C2, REFERENCE)
+    law = WilliamsLandelFerry(C1, C2, REFERENCE)
     temperatures = np.array([-20.0, 20.0, 47.0])
     np.testing.assert_allclose(law.factor(temperatures), shift(temperatures))
     moved = law.referred_to(47.0)
@@ -180,7 +183,7 @@ def test_a_shift_is_a_law_that_can_be_given_moved_batched_and_differentiated():
 
 
 def test_a_shift_stays_with_a_solid_in_a_file(tmp_path):
-    law = js.solids.WilliamsLandelFerry(C1, C2, REFERENCE)
+    law = WilliamsLandelFerry(C1, C2, REFERENCE)
     solid = js.Viscoelastic(SOLID, 2.0, 0.1, law)
     heights = js.surfaces.paraboloid(SOLID.grid, 2.0)
     contact = js.Contact(solid, heights, js.potentials.Exponential(0.1, 0.2))
@@ -193,11 +196,11 @@ def test_a_shift_stays_with_a_solid_in_a_file(tmp_path):
 @pytest.mark.parametrize(
     ("name", "times", "values", "named"),
     [
-        ("from_relaxation", (1.0, 2.0, 1.0), (3.0, 2.0, 3.0), r"time 1\.0 is given 2 times: avera"),
         ("from_relaxation", (1.0, 2.0), (3.0, -1.0), r"relaxation modulus is -1\.0 at \(1,\)"),
-        ("from_relaxation", (0.0, 2.0), (3.0, 1.0), r"time is 0\.0"),
+        ("from_relaxation", (1.0, 2.0, 3.0), (-1e-3, -2e-3, 1e-3), "modulus is -0.001 at"),
+        ("from_relaxation", (-1.0, 2.0), (3.0, 1.0), r"time is -1\.0"),
+        ("from_creep", (0.0,), (0.2,), "no value after the time 0"),
         ("from_relaxation", (1.0, 2.0), (3.0, 3.0), "elastic solid of modulus 3: use that"),
-        ("from_relaxation", (1.0, 2.0, 4.0), np.exp([-1, -2, -4.0]), "liquid. Give later times"),
         ("from_creep", (1.0, 2.0), (0.2, np.nan), "creep compliance is nan"),
         ("from_creep", (1.0, 2.0), (0.2, 0.2), "elastic solid of modulus 5: use that"),
         ("from_creep", (0.1, 1.0, 10.0), (0.1, 1.0, 10.0), "at once is 0.*give earlier times"),
@@ -216,15 +219,16 @@ def test_temperatures_without_a_shift_are_refused_with_the_cure():
     for chosen, at in ((two, "-20, 0"), (HEAT < -10, "-20")):
         with pytest.raises(ValueError, match=f"temperatures {at}, .*give data at 3 or more"):
             fit(SOLID, SWEEP[chosen], values[chosen], HEAT[chosen])
-    with pytest.raises(ValueError, match=r"given 2 times at the temperature -20: average"):
-        fit(SOLID, np.append(SWEEP, SWEEP[0]), np.append(values, 1.0), np.append(HEAT, HEAT[0]))
     with pytest.raises(ValueError, match="must rise, as a solid relaxes faster"):
         fit(SOLID, SWEEP, values, -HEAT)
     short = (SWEEP < 1) & (HEAT != 20)
     with pytest.raises(ValueError, match=r"of the 4 temperatures have no relaxation modulus in"):
         fit(SOLID, SWEEP[short], values[short], HEAT[short])
-    with pytest.raises(ValueError, match="data have no temperatures: give the temperature of each"):
-        fit(SOLID, SWEEP[:13], values[:13], reference_temperature=20.0)
+    for given in ({"reference_temperature": 20.0}, {"shift": WilliamsLandelFerry(C1, C2, 20.0)}):
+        with pytest.raises(ValueError, match="have no temperatures: give the temperature of each"):
+            fit(SOLID, SWEEP[:13], values[:13], **given)
+    with pytest.raises(TypeError, match="float is no shift: give one of jaxstab"):
+        fit(SOLID, SWEEP, values, HEAT, shift=8.0)
     with pytest.raises(ValueError, match=r"temperature is -200.0: the law diverges at -9"):
         fit(SOLID, SWEEP, values, HEAT, reference_temperature=-200.0)
     with pytest.raises(ValueError, match="temperature is nan"):
@@ -237,4 +241,240 @@ def test_temperatures_without_a_shift_are_refused_with_the_cure():
         ((1.0, 1.0, np.inf), "reference temperature is inf"),
     ):
         with pytest.raises(ValueError, match=named):
-            js.solids.WilliamsLandelFerry(*bad)
+            WilliamsLandelFerry(*bad)
+    for law, bad, named in (
+        (Arrhenius, (-1.0, 300.0), "activation energy is -1"),
+        (Arrhenius, (1e5, 0.0), "reference temperature is 0.0: it must be positive"),
+        (ShiftTable, ((0.0, 1.0), (1.0,), 0.0), r"\(2,\), the shift factors \(1,\)"),
+        (ShiftTable, ((1.0, 0.0), (1.0, 2.0), 0.0), "temperatures of a table must increase"),
+        (ShiftTable, ((0.0, 1.0), (1.0, -2.0), 0.0), r"shift factor is -2\.0 at \(1,\)"),
+        (ShiftTable, ((0.0, 1.0), (1.0, 0.5), 2.0), r"temperature is 2\.0: the table is from 0"),
+    ):
+        with pytest.raises(ValueError, match=named):
+            law(*bad)
+
+
+def warned(fit, *args, **kwargs):
+    """Return a fitted solid, and what it warned of."""
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        found = fit(SOLID, *args, **kwargs)
+    assert all(each.category is RelaxationWarning for each in caught)
+    return found, " | ".join(str(each.message) for each in caught)
+
+
+# Of a plateau, a spectrum that goes on beyond the data, a time beyond them, and few data.
+SLOW = [
+    ("plateau", TIMES, lambda t: 1 + 6 * np.exp(-t / 0.47), False),
+    ("spectrum", np.logspace(-2, 2, 41), lambda t: 1 + 6 * (1 + t) ** -0.3, True),
+    ("time", np.logspace(-2, 2, 41), lambda t: 1 + 6 * np.exp(-t / 100), True),
+    ("few", np.logspace(-2, 2, 6), lambda t: 1 + 6 * np.exp(-t / 300), True),
+]
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.02])
+@pytest.mark.parametrize(("name", "times", "law", "is_open"), SLOW, ids=[x[0] for x in SLOW])
+def test_the_relaxed_modulus_is_known_as_well_as_its_error_says(name, times, law, is_open, noise):
+    random = 1 + noise * np.random.default_rng(2).normal(size=times.size)
+    found, told = warned(js.Viscoelastic.from_relaxation, times, law(times) * random)
+    # The truth is one.
+    assert abs(modulus(found) - 1) <= found.relaxed_error * modulus(found)
+    assert ("no plateau" in told) == is_open
+    assert (found.relaxed_error > 0.5) == is_open
+
+
+@pytest.mark.parametrize("slowness", [0.001, 0.01, 0.03])
+def test_oscillations_that_end_before_the_plateau_say_so(slowness):
+    # A fractional Zener solid, with tan delta from 0.1 to 0.36 at 0.01 Hz.
+    frequencies = 2 * np.pi * np.logspace(-2, 3, 26)
+    powers = (1j * frequencies * slowness) ** 0.5
+    moduli = 0.5 + 10 * powers / (1 + powers)
+    fit = js.Viscoelastic.from_storage_and_loss
+    found, told = warned(fit, frequencies, moduli.real, moduli.imag)
+    tangent = moduli[0].imag / moduli[0].real
+    assert f"tan delta {tangent:.2g} at its end): no plateau" in told
+    assert f"{float(found.relaxed_error):.0%} (`relaxed_error`)" in told
+    assert 0.02 < modulus(found) - 0.5 <= found.relaxed_error * modulus(found)
+    assert found.fit_error < 0.01
+
+
+LATE = np.logspace(-2, 2, 41)
+
+
+@pytest.mark.parametrize(
+    ("compliances", "viscosity"),
+    [
+        (1 + LATE, 1.0),
+        (1 + LATE / 50 + 0.5 * -np.expm1(-LATE), 50.0),
+        (1 + np.sqrt(LATE), None),
+    ],
+    ids=["maxwell", "burgers", "andrade"],
+)
+def test_a_compliance_that_still_rises_is_a_liquid(compliances, viscosity):
+    found, told = warned(js.Viscoelastic.from_creep, LATE, compliances)
+    assert "creep compliance has no plateau: the data are of a liquid" in told
+    assert found.fit_error < 5e-3 and found.relaxed_error >= 1
+    assert modulus(found) < 0.05 / compliances[-1]
+    if viscosity is not None:
+        # Its flow is the integral of the relaxation modulus.
+        flow = modulus(found) * np.sum(found.ratios * found.times)
+        assert flow == pytest.approx(viscosity, rel=0.03)
+    # Noise on the plateau of a solid is no flow.
+    random = np.random.default_rng(0).normal(size=(5, LATE.size))
+    for noise in random:
+        solid = (0.5 - 0.4 * np.exp(-LATE)) * (1 + 0.02 * noise)
+        found, told = warned(js.Viscoelastic.from_creep, LATE, solid)
+        assert not told and abs(modulus(found) - 2) <= found.relaxed_error * modulus(found)
+
+
+def test_a_liquid_is_fitted_with_its_slowest_times():
+    stress = 3 * np.exp(-LATE / 5)
+    found, told = warned(js.Viscoelastic.from_relaxation, LATE, stress)
+    assert "no plateau: the data are of a liquid" in told and "up to the time 100" in told
+    assert found.relaxed_error >= 1 and modulus(found) < stress[-1]
+    assert modulus(found) * np.sum(found.ratios * found.times) == pytest.approx(15, rel=0.01)
+    turns = 0.1 * LATE
+    moduli = 3 * turns / (1j + turns) * turns / (turns - 1j) * (turns + 1j) / turns
+    fit = js.Viscoelastic.from_storage_and_loss
+    found, told = warned(fit, LATE, moduli.real, moduli.imag)
+    assert "the data are of a liquid" in told and found.fit_error < 0.02
+    assert modulus(found) * np.sum(found.ratios * found.times) == pytest.approx(0.3, rel=0.02)
+
+
+def test_data_as_they_are_measured_are_averaged_and_without_noise_about_zero():
+    fit = js.Viscoelastic.from_relaxation
+    stress = 1 + 6 * np.exp(-TIMES / 0.1)
+    clean = fit(SOLID, TIMES, stress)
+    # Each fifth value twice, 1 % above and below, and the time before the step.
+    times = np.concatenate([[0.0], TIMES, TIMES[::5]])
+    values = np.concatenate([[99.0], stress, 0.99 * stress[::5]])
+    values[1 : 1 + TIMES.size : 5] *= 1.01
+    found, told = warned(fit, times, values)
+    assert "1 values at the time 0 are left out" in told
+    assert "11 repeated times are averaged: one relaxation modulus is up to 0.01" in told
+    np.testing.assert_allclose(found.ratios, clean.ratios, rtol=1e-6)
+    # At other temperatures they are no repetitions.
+    oscillation, arguments, (storage, loss) = sweeps("oscillation")
+    twice = [np.append(x, x[:3]) for x in (arguments, storage, loss, HEAT)]
+    repeated, told = warned(oscillation, *twice)
+    assert "3 repeated frequencies are averaged: one storage modulus is up to 0 of" in told
+    known = oscillation(SOLID, arguments, storage, loss, HEAT)
+    np.testing.assert_allclose(repeated.shift.c1, known.shift.c1)
+    # A force that ends in its noise, and a loss that does.
+    noise = np.random.default_rng(1).normal(size=TIMES.size)
+    found, told = warned(fit, TIMES, 6 * np.exp(-TIMES / 0.1) + 0.01 * noise)
+    assert "times are left out, at which the relaxation modulus is negative or no larger" in told
+    assert modulus(found) < 0.03
+    turns = 1j * TIMES * 0.1
+    moduli = 1 + turns / (1 + turns)
+    found, told = warned(oscillation, TIMES, moduli.real, moduli.imag + 2e-3 * noise)
+    assert "frequencies are left out, at which the storage modulus or loss modulus is neg" in told
+    assert modulus(found) == pytest.approx(1, rel=5e-3)
+
+
+@pytest.mark.parametrize("kind", ["oscillation", "relaxation", "creep"])
+@pytest.mark.parametrize("given", ["Arrhenius", "ShiftTable"])
+def test_known_shifts_join_two_temperatures(kind, given):
+    energy, hot = 1.2e5, np.array([280.0, 300.0])
+    law = Arrhenius(energy, 290.0)
+    # ln a_T = E_a / R (1 / T - 1 / T0).
+    factors = np.exp(energy / 8.314462618 * (1 / hot - 1 / 290))
+    np.testing.assert_allclose(law.factor(hot), factors, rtol=1e-9)
+    if given == "ShiftTable":
+        law = ShiftTable(hot, 7 * factors, 280.0)
+        np.testing.assert_allclose(law.factor(hot), factors / factors[0], rtol=1e-12)
+        middle = np.sqrt(factors[1] / factors[0])
+        np.testing.assert_allclose(law.factor(290.0), middle, rtol=1e-12)
+        factors = factors / factors[0]
+    arguments = np.tile(np.logspace(-2, 2, 25), 2)
+    temperatures = np.repeat(hot, 25)
+    a = np.repeat(factors, 25)
+    if kind == "oscillation":
+        turns = 1j * arguments * a * 0.5
+        moduli = RELAXED + 6 * turns / (1 + turns)
+        values = moduli.real, moduli.imag
+    else:
+        values = ({"relaxation": relaxation, "creep": creep}[kind]((6.0,), (0.5,), arguments / a),)
+    names = {"oscillation": "storage_and_loss"}
+    fit = getattr(js.Viscoelastic, f"from_{names.get(kind, kind)}")
+    found = fit(SOLID, arguments, *values, temperatures, shift=law)
+    assert_series(found, (6.0,), (0.5,))
+    assert found.shift.reference_temperature == law.reference_temperature
+    moved = fit(SOLID, arguments, *values, temperatures, shift=law, reference_temperature=300.0)
+    ratio = factors[1]
+    assert_series(moved, (6.0,), (0.5 * ratio,))
+    np.testing.assert_allclose(moved.at_temperature(280.0).shift.factor(300.0), ratio / factors[0])
+
+
+def test_laws_of_shifts_are_batched_and_differentiated():
+    law, table = Arrhenius(1e5, 300.0), ShiftTable([280.0, 300.0], [8.0, 1.0], 300.0)
+    for each, inside in ((law, 290.0), (table, 290.0)):
+        batch = jax.jit(jax.vmap(lambda t, law=each: law.factor(t)))(jnp.array([inside, -1.0]))
+        np.testing.assert_allclose(batch[0], each.factor(inside), rtol=1e-12)
+        assert np.isnan(batch[1])
+    slope = jax.grad(lambda t: jnp.log(law.factor(t)))(290.0)
+    np.testing.assert_allclose(slope, -1e5 / 8.314462618 / 290**2)
+    slope = jax.grad(lambda t: jnp.log(table.factor(t)))(290.0)
+    np.testing.assert_allclose(slope, -np.log(8) / 20)
+    with pytest.raises(ValueError, match=r"temperature is -1\.0: give it in kelvin"):
+        law.factor(-1.0)
+
+
+def test_constants_of_a_shift_have_errors_that_hold():
+    temperatures = np.repeat([10.0, 20.0, 30.0], 13)
+    arguments = np.tile(np.logspace(-1, 2, 13), 3)
+    powers = (0.1j * arguments * shift(temperatures)) ** 0.5
+    moduli = 1 + 100 * powers / (1 + powers)
+    fit = js.Viscoelastic.from_storage_and_loss
+    missed = []
+    for seed in range(3):
+        first, second = 1 + 0.01 * np.random.default_rng(seed).normal(size=(2, 39))
+        values = moduli.real * first, moduli.imag * second
+        found = fit(SOLID, arguments, *values, temperatures, reference_temperature=REFERENCE)
+        errors = np.array(found.shift.errors)
+        missed.append((np.array([found.shift.c1 - C1, found.shift.c2 - C2])) / errors)
+        assert 0.02 < errors[0] / C1 < 0.3
+        # At another reference they are those of the same law.
+        there = found.shift.referred_to(0.0)
+        at = np.asarray(found.shift.covariance)
+        back = there.referred_to(REFERENCE)
+        np.testing.assert_allclose(back.covariance, at, rtol=1e-9)
+        part = float(found.shift.c2 / there.c2)
+        np.testing.assert_allclose(there.errors[1] / there.c2, part * np.sqrt(at[1, 1]))
+    assert np.max(np.abs(missed)) < 3
+    assert WilliamsLandelFerry(C1, C2, 0.0).errors is None
+
+
+def test_temperatures_that_lie_near_do_not_determine_the_constants():
+    temperatures = np.repeat([18.0, 20.0, 22.0], 13)
+    arguments = np.tile(np.logspace(-1, 2, 13), 3)
+    powers = (0.1j * arguments * shift(temperatures)) ** 0.5
+    moduli = 1 + 100 * powers / (1 + powers)
+    first, second = 1 + 0.02 * np.random.default_rng(3).normal(size=(2, 39))
+    fit = js.Viscoelastic.from_storage_and_loss
+    values = moduli.real * first, moduli.imag * second
+    found, told = warned(fit, arguments, *values, temperatures)
+    assert "temperatures from 18 to 22 do not determine the constants" in told
+    assert found.shift.c1 > 2 * C1
+    assert found.shift.errors[0] > found.shift.c1
+    # The factor between them is known.
+    factor = float(found.shift.factor(22.0) / found.shift.factor(18.0))
+    assert np.log10(factor) == pytest.approx(np.log10(shift(22.0) / shift(18.0)), abs=0.05)
+
+
+def test_curves_that_no_law_joins_are_named():
+    # The slowest step is by Arrhenius, as below a glass transition.
+    temperatures = np.array([-40.0, -20.0, 0.0, 20.0, 40.0, 60.0])
+    logs = np.log10(shift(temperatures))
+    logs[0] = logs[1] + 0.8
+    reduced = np.repeat(10**logs, 7)
+    arguments = np.tile(np.logspace(-1, 2, 7), 6)
+    powers = (1e-5j * arguments * reduced) ** 0.5
+    moduli = 1 + 100 * powers / (1 + powers)
+    fit = js.Viscoelastic.from_storage_and_loss
+    values = arguments, moduli.real, moduli.imag, np.repeat(temperatures, 7)
+    found, told = warned(fit, *values)
+    assert "From the temperature -40 to -20 the curves are -0.80 decades apart" in told
+    table = ShiftTable(temperatures, 10**logs, REFERENCE)
+    known, told = warned(fit, *values, shift=table)
+    assert "decades apart" not in told and known.fit_error < 0.01 < found.fit_error

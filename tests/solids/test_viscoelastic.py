@@ -118,7 +118,6 @@ def test_single_precision_and_one_frequency_are_fitted():
 @pytest.mark.parametrize(
     ("frequencies", "storage", "loss", "named"),
     [
-        ((1.0, 2.0, 1.0), (3.0, 4.0, 3.0), (1.0, 1.0, 1.0), r"1\.0 is given 2 times: average"),
         ((1.0, 2.0), (3.0, 4.0), (1.0, -0.5), r"loss modulus is -0\.5 at \(1,\): .* leave this"),
         (
             (1.0, 2.0),
@@ -133,8 +132,7 @@ def test_single_precision_and_one_frequency_are_fitted():
         ((1.0, 2.0), (-3.0, 4.0), (1.0, 1.0), "storage modulus is -3.0"),
         ((1.0, 2.0), (3.0, 4.0), (np.nan, 1.0), "loss modulus is nan"),
         ((1.0, 2.0), (3.0, 3.0), (0.0, 0.0), "elastic solid of modulus 3: use that"),
-        # A Maxwell liquid: E' = x^2 / (1 + x^2), E'' = x / (1 + x^2).
-        ((1.0, 2.0), (0.5, 0.8), (0.5, 0.4), "liquid. Give lower frequencies"),
+        ((1.0, 2.0), (-3.0, -4.0), (1.0, 1.0), "storage modulus is -3.0 at"),
     ],
 )
 def test_moduli_that_make_no_solid_are_named(frequencies, storage, loss, named):
