@@ -102,6 +102,7 @@ def evolve(
         rtol: the error of a step in deformation, over the largest so far, and in the balance of
             energies, over the energy exchanged in the step; by default 1e-3, in float32 1e-2. Below
             1e-5, and 1e-3 in float32, the rounding of equilibria may be seen.
+            The time of a jump behind a slow creep is less exact than that.
         fields: whether to keep gap and memory at each time, for verdicts and growth rates.
         progress: show a progress bar; by default after two seconds, in a terminal or notebook.
         max_steps: how many steps there is room for in all.

@@ -6,6 +6,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from brute_force import periodic_stiffness
+from fixed_steps import FixedSteps
 from viscoelastic_lines import ANY, RATIOS, TIMES, cycle, relaxed_of, viscoelastic
 
 import jaxstab as js
@@ -264,3 +265,41 @@ def test_the_work_is_that_of_the_forces_at_many_times(dtype):
     work = np.concatenate([[0], np.cumsum(parts)])[np.searchsorted(times, turns)]
     assert np.sum(run.num_steps) < 200
     np.testing.assert_allclose(run.work, work, atol=5e-3 * np.max(work))
+
+
+@pytest.mark.nightly
+@pytest.mark.filterwarnings("ignore::jaxstab.ResolutionWarning")
+def test_a_late_jump_behind_other_loads_is_that_of_many_small_steps():
+    # Relaxation times over nearly four decades, with branches far stiffer than the relaxed one.
+    ratios, times, k = (6.6, 44.0, 4.1), (0.015, 0.36, 68.0), 0.13
+    grid, law = js.Grid((4, 4), 1.0), js.potentials.Exponential(0.003, 0.011)
+    heights = np.random.default_rng(24).normal(size=(4, 4))
+    heights = 0.05 * (heights - heights.mean()) / heights.std()
+    contact = js.Contact(js.Viscoelastic(js.HalfSpace(grid, 1.0), ratios, times), heights, law)
+    options = {"rtol": 1e-5, "fields": True}
+    pressed = js.evolve(contact, js.MeanPressure([0.0, 0.12]), [0.0, 1.5], **options)
+    reached = float(pressed.mean_gap[-1]) + heights.mean()
+    held = js.MeanDisplacement([reached, reached + 0.01])
+    lifted = js.evolve(contact, held, [1.5, 3.0], initial=pressed, **options)
+    far = reached + 0.01 - float(lifted.mean_pressure[-1]) / k
+    places = far + np.array([0.0, 0.1, 0.5])
+    pulled = js.evolve(contact, js.Spring(places, k), [3.0, 7.0, 23.0], initial=lifted, **options)
+
+    steps, count = FixedSteps(heights, (1.0, 1.0), ratios, times, 0.003, 0.011), 500
+    steps.rest(pressed.fields.gap[0])
+    # A soft spring presses, and a stiff one holds.
+    soft, stiff = 1e-6, 2e5
+    _, pressure = steps.go(np.linspace(0, 1.5, count), soft, np.linspace(0, -0.12 / soft, count))
+    np.testing.assert_allclose(pressure, 0.12, rtol=1e-5)
+    np.testing.assert_allclose(steps.gap, np.ravel(pressed.gap), atol=1e-5)
+    _, pressure = steps.go(
+        np.linspace(1.5, 3, count), stiff, reached + np.linspace(0, 0.01, count) - pressure / stiff
+    )
+    np.testing.assert_allclose(lifted.mean_pressure[-1], pressure, rtol=1e-3)
+    np.testing.assert_allclose(steps.gap, np.ravel(lifted.gap), atol=1e-5)
+    none, _ = steps.go(np.linspace(3, 7, count), k, np.linspace(places[0], places[1], count))
+    np.testing.assert_allclose(steps.gap, np.ravel(pulled.fields.gap[1]), atol=1e-4)
+    late = np.linspace(7, 23, count)
+    (jump,), _ = steps.go(late, k, np.linspace(places[1], places[2], count))
+    assert not none and jump - late[1] + late[0] - 0.01 < pulled.jump_times[-1] < jump + 0.01
+    np.testing.assert_allclose(steps.gap, np.ravel(pulled.gap), atol=1e-4)
