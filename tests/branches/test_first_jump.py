@@ -45,6 +45,23 @@ def test_electrodes_on_a_spring_are_pulled_in_from_the_voltage_of_a_closed_form(
     assert found.equilibrium.gap.max() < 0.01
 
 
+def test_a_path_that_is_not_known_ends_the_search_with_the_bracket_so_far():
+    ends = 5e-3, 0.02
+
+    def broken(work):
+        if float(work) in ends:
+            return gaussian(work)
+        return js.Contact(js.HalfSpace(LINE, 1e-309), FLAT, js.potentials.Gaussian(work, 0.1))
+
+    load = on_spring(0.4, 0.02)
+    found = js.first_jump(broken, ends, load, throw=False)
+    assert found.result == "invalid_contact"
+    assert found.jumping == 0.02
+    np.testing.assert_allclose([found.parameter, found.error], [0.0125, 0.0075])
+    with pytest.raises(js.SolverError, match=r"path at the parameter 0\.0125 is not known"):
+        js.first_jump(broken, ends, load)
+
+
 @pytest.mark.nightly
 def test_on_a_rough_line_another_search_jumps_on_one_side_only():
     grid = js.Grid((32,), 1.0)

@@ -59,7 +59,7 @@ def test_pressures_without_a_unit_and_a_rubber_have_no_hardness():
 
 
 def test_a_handful_of_points_is_told_by_what_depends_on_them():
-    contact = gold()
+    contact = js.Contact(js.HalfSpace(GRID, 48.0), WAVE, NONE)
     few = js.equilibrate(contact, js.MeanPressure(0.05))
     assert 0 < round(float(few.contact_area) * 32) < 5
     many = js.equilibrate(contact, js.MeanPressure(0.5))
