@@ -35,7 +35,7 @@ def test_a_core_holds_rough_surfaces_apart():
     for load in (js.MeanGap(0.15), js.MeanGap(0.02), js.MeanPressure(0.2)):
         equilibrium = js.equilibrate(contact, load)
         assert equilibrium.gap.min() > 0
-        assert not equilibrium.in_contact.any()
+        assert equilibrium.contact_area == jnp.mean(equilibrium.gap < 0.05 * 2.5 ** (1 / 6)) > 0
         check_optimality(contact, equilibrium, 1e-8)
         assert equilibrium.num_steps < 60
 
