@@ -250,8 +250,9 @@ def _law_and_range(
         law = _law(options, resolved)
         warn(
             f"the grid does not resolve a range of {options.range:g} m: the pull-off is "
-            f"extrapolated to it, and all else is computed at a range of {resolved:g} m. More "
-            "points, by `size`, resolve a shorter one: four times as many along a side half of it."
+            "extrapolated to it if possible, and all else is computed at a range of "
+            f"{resolved:g} m. More points, by `size`, resolve a shorter one: four times as many "
+            "along a side half of it."
         )
     return law, options.range
 
