@@ -211,8 +211,8 @@ def _fitted(
 
     deepest = float(np.max(force))
     attraction = -float(np.min(force))
-    if attraction < SIGNIFICANT / float(roots[np.argmin(force)]):
-        return _without_attraction(indentation, force, roots, radius)
+    if attraction <= SIGNIFICANT / float(roots[np.argmin(force)]):
+        return _without_attraction(indentation, force, roots, radius, part)
     top = float(np.max(indentation))
     pull = float(indentation[np.argmin(force)])
     depth = max(top - pull, 1e-3 * np.ptp(indentation))
@@ -235,14 +235,22 @@ def _fitted(
 
 
 def _without_attraction(
-    indentation: np.ndarray, force: np.ndarray, roots: np.ndarray, radius: float
+    indentation: np.ndarray, force: np.ndarray, roots: np.ndarray, radius: float, part: str
 ) -> _Sphere:
     """Return the sphere of Hertz that is nearest to means of forces over indentations."""
     from scipy.optimize import least_squares
 
     deepest = np.max(force)
-    begin = np.max(indentation[roots * force < SIGNIFICANT])
-    unit = np.max(indentation) - begin
+    # The weights are largest far from contact, where they are those of the forces alone.
+    is_noise = force * np.max(roots) < SIGNIFICANT
+    begin = np.max(indentation[is_noise], initial=np.min(indentation))
+    unit = indentation[np.argmax(force)] - begin
+    if unit <= 0:
+        raise ValueError(
+            f"The {part} shows no indentation: where its force is largest, {deepest:.3g} N, the "
+            "tip is no deeper than where the force is within the noise. Press harder, or with "
+            "a stiffer cantilever, and check the spring constant and the sensitivity."
+        )
     modulus = 0.75 * deepest / np.sqrt(radius * unit**3)
 
     def misfit(values: np.ndarray) -> np.ndarray:

@@ -33,6 +33,8 @@ _FEWEST = 8
 _NOISES, _STEPS = 12.0, 5.0
 # Fewer points between two jumps are a tip on its way.
 _ON_ITS_WAY = 3
+# The tip presses where the force exceeds this part of the largest.
+_PRESSES = 0.1
 # The least slope of the tip position over the height that counts in the weights.
 _LEAST_SLOPE = 0.02
 
@@ -178,7 +180,28 @@ def columns_of(
         )
         for name in _PARTS[parts]
     ]
+    for name, columns in zip(_PARTS[parts], found, strict=True):
+        _require_indentation(name, columns, constant, getattr(correction, name).noise)
     return found, constant, correction
+
+
+def _require_indentation(name: str, means: Columns, constant: float, noise: float) -> None:
+    """Raise `ValueError` unless the tip is deeper where the force is larger."""
+    force = means.forces[means.weights > 0]
+    tip = means.tips[means.weights > 0]
+    presses = force > _PRESSES * force.max()
+    slope = 0.0
+    if np.sum(presses) > 1:
+        slope = np.polyfit(force[presses], tip[presses], 1)[0]
+    least = SIGNIFICANT * noise / constant
+    depth = -slope * np.ptp(force[presses])
+    if depth < -least:
+        raise ValueError(
+            f"The tip rises where the force of the {name} grows, by {-depth:.3g} m, while the "
+            f"cantilever of {constant:.3g} N/m bends by {np.ptp(force[presses]) / constant:.3g} m: "
+            "the spring constant is too small, or the sensitivity too large. A sample of any "
+            f"stiffness needs more than {constant / (1 + slope * constant):.3g} N/m."
+        )
 
 
 def _means(

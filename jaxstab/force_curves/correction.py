@@ -186,9 +186,9 @@ def correct(
         is_tilted: whether the baseline has a slope.
     """
     ends = ends_of(segments)
+    segments, remarks = _within_range(segments)
     main = _line(ends[0], segments[ends[0]], is_tilted)
     lines = {ends[0]: main}
-    remarks = []
     if len(ends) == 2:
         lines["retraction"] = _line_of_retraction(segments["retraction"], main, is_tilted)
         if lines["retraction"] is main:
@@ -247,6 +247,22 @@ def correct(
         has_times=all(segment.time is not None for segment in segments.values()),
     )
     return flat, correction, tuple(remarks)
+
+
+def _within_range(segments: Mapping[str, Segment]) -> tuple[dict[str, Segment], list[str]]:
+    """Return the segments without clipped forces, which are missing then, and a remark on each."""
+    found = dict(segments)
+    remarks = []
+    for name, segment in segments.items():
+        number = int(np.sum(segment.is_clipped))
+        if number:
+            force = np.where(segment.is_clipped, np.nan, segment.force)
+            found[name] = replace(segment, force=force)
+            remarks.append(
+                f"{name}: {number} points left out, whose forces are at the end of the range of "
+                "the detector"
+            )
+    return found, remarks
 
 
 def ends_of(segments: Mapping[str, Segment]) -> list[str]:
@@ -443,7 +459,10 @@ def _fitted(heights: np.ndarray, forces: np.ndarray, number: int, is_tilted: boo
     misfit = force - columns @ found[used]
     covariance[used, used] = np.linalg.inv(columns.T @ columns) * _variance(misfit, 1 + is_tilted)
     length = float(np.ptp(height) / np.ptp(heights))
-    return _Line(middle, found, covariance, float(np.std(misfit)), number, length)
+    # Digitised forces may all be equal where none acts.
+    steps = np.diff(np.unique(forces))
+    noise = max(float(np.std(misfit)), float(np.min(steps, initial=np.inf)) / np.sqrt(12))
+    return _Line(middle, found, covariance, noise, number, length)
 
 
 def _variance(misfit: np.ndarray, freedom: int) -> float:

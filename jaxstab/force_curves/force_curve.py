@@ -24,7 +24,7 @@ _DEEP = 0.02
 
 
 class ForceCurveWarning(UserWarning):
-    """A force curve looks wrong: its forces have the opposite sign."""
+    """A force curve looks wrong: its forces have the opposite sign, or are clipped."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -84,6 +84,11 @@ class ForceCurve:
             "Reverse the forces by `-curve`."
             for name, segment in self._ends()
             if _is_reversed(segment)
+        ] + [
+            f"{np.sum(segment.is_clipped)} forces of the {name} are at the end of the range of the "
+            "detector: `corrected` leaves them out."
+            for name, segment in self._ends()
+            if segment.is_clipped.any()
         ]
 
     def corrected(self, baseline: Literal["linear", "constant"] = "linear") -> "ForceCurve":

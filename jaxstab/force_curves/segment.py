@@ -9,6 +9,10 @@ Value = TypeVar("Value", float, np.ndarray)
 
 # Forces are sought in means over so many blocks of points.
 _BLOCKS = 200
+# A force that occurs so many times as often as the one next to it is the end of a range, unless
+# there are as few forces as in a made-up curve.
+_CLIPPED = 8
+_FEWEST_VALUES = 16
 _NO_SPRING = (
     "The tip position is unknown, since the curve has no spring constant: give it in N/m, as in "
     "js.force_curves.read(path, spring_constant=0.2)."
@@ -72,6 +76,22 @@ class Segment:
     def num_missing(self) -> int:
         """The number of missing points."""
         return int(np.sum(~self.is_present))
+
+    @property
+    def is_clipped(self) -> np.ndarray:
+        """The mask of points at either end of the range of the detector, which repeats one force.
+
+        Steps of a digitised force repeat too, but no more often at an end than beside it, and so
+        may the force of no contact.
+        """
+        values, place, counts = np.unique(self.force, return_inverse=True, return_counts=True)
+        finite = int(np.sum(np.isfinite(values)))
+        clipped = np.zeros(len(values), bool)
+        if finite > _FEWEST_VALUES and self.is_present.any():
+            far = place[np.nanargmax(np.where(self.is_present, self.height, np.nan))]
+            for end, beside in ((0, 1), (finite - 1, finite - 2)):
+                clipped[end] = end != far and counts[end] > _CLIPPED * counts[beside]
+        return clipped[place]
 
     def __len__(self) -> int:
         return len(self.force)

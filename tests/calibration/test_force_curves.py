@@ -334,6 +334,44 @@ def test_a_first_guess_says_what_it_lacks():
             js.first_guess(curve, radius, 0.5)
 
 
+def with_forces(curve, change, constant=None):
+    """Return a curve with changed forces, or of another cantilever, with its tip positions."""
+    constant = constant or curve.spring_constant
+    changed = {}
+    for name, segment in curve.segments.items():
+        force = change(segment.force)
+        changed[name] = replace(segment, force=force, tip=segment.height + force / constant)
+    return replace(curve, **changed, spring_constant=constant)
+
+
+@pytest.mark.parametrize(("name", "factor"), [("hertz", 1e-6), ("hertz", 0.9), ("jkr", 0.5)])
+def test_a_spring_constant_that_is_too_small_is_named(name, factor):
+    curve = synthetic.recorded({"hertz": synthetic.hertz, "jkr": synthetic.jkr}[name](), 0)
+    weak = with_forces(curve, lambda force: force, factor * curve.spring_constant)
+    with pytest.raises(ValueError, match=r"The tip rises .*the spring constant is too small"):
+        js.first_guess(weak, RADIUS, 0.0)
+    with pytest.raises(ValueError, match=r"The tip rises .*the spring constant is too small"):
+        js.calibrate(contact(), js.FarDisplacement, weak)
+
+
+@pytest.mark.filterwarnings("ignore::jaxstab.FitWarning")
+def test_a_first_guess_is_near_for_clipped_digitised_and_exact_forces():
+    exact = synthetic.recorded(
+        synthetic.hertz(), 0, noise=0.0, tilt=0.0, offsets=(0.0, 0.0), drift=0.0
+    )
+    noisy = synthetic.recorded(synthetic.hertz(), 0)
+    curves = [exact, with_forces(exact, lambda force: np.round(force, 1))]
+    curves += [with_forces(noisy, lambda force, t=t: np.minimum(force, t)) for t in (5, 20, 40)]
+    for curve in curves:
+        with warnings.catch_warnings():
+            warnings.simplefilter("error", RuntimeWarning)
+            guess = js.first_guess(curve, RADIUS, 0.0, pressure_unit="GPa", points=8)
+        assert abs(guess.solid.youngs_modulus / synthetic.MODULUS - 1) < 0.15
+    coarse = with_forces(exact, lambda force: 10 * np.round(force / 10))
+    with pytest.raises(ValueError, match="The retraction shows no indentation"):
+        js.first_guess(coarse, RADIUS, 0.0)
+
+
 @pytest.mark.parametrize("factor", [1e-3, 1.0, 1e3])
 def test_a_radius_in_another_unit_than_the_curve_is_noticed(factor):
     """A bead of 5 um on a cantilever of 0.5 N/m, which presses it in by 8 nm."""

@@ -146,6 +146,39 @@ def test_points_that_are_missing_may_lack_a_time():
     assert holed.speed == pytest.approx(approach.speed, rel=1e-3)
 
 
+def with_forces(curve, change):
+    """Return a curve with changed forces."""
+    changed = {}
+    for name, segment in curve.segments.items():
+        force = change(segment.force)
+        tip = segment.height + force / curve.spring_constant
+        changed[name] = replace(segment, force=force, tip=tip)
+    return replace(curve, **changed)
+
+
+@pytest.mark.parametrize(("least", "most"), [(-1e9, 20.0), (-2.0, 1e9), (-2.0, 20.0)])
+def test_forces_at_the_end_of_the_range_of_the_detector_are_left_out(least, most):
+    curve = synthetic.recorded(synthetic.jkr(4.0), 0)
+    clipped = with_forces(curve, lambda force: np.clip(force, least, most))
+    assert "end of the range of the detector" in clipped.suspicions[-1]
+    assert not curve.suspicions
+    corrected = clipped.corrected()
+    assert "points left out, whose forces are at the end of the range" in corrected.remarks[0]
+    is_out = (curve.retraction.force > most) | (curve.retraction.force < least)
+    np.testing.assert_array_equal(corrected.retraction.is_present, ~is_out)
+    whole = curve.corrected().retraction.force
+    np.testing.assert_allclose(corrected.retraction.force[~is_out], whole[~is_out], atol=0.05)
+
+
+@pytest.mark.parametrize("step", [0.1, 1.0, 4.0])
+def test_digitised_forces_are_not_clipped_and_have_a_noise(step):
+    exact = synthetic.recorded(LAWS["hertz"], 0, noise=0.0, tilt=0.0, offsets=(0.0, 0.0), drift=0.0)
+    for curve in (exact, with_forces(exact, lambda force: step * np.round(force / step))):
+        assert not curve.suspicions
+        assert curve.corrected().correction.approach.noise > 0
+    assert curve.corrected().correction.approach.noise >= step / 12**0.5 * 0.99
+
+
 def test_units_change_nothing_but_numbers():
     curve = synthetic.recorded(LAWS["dmt"], 3)
     one = curve.corrected().in_units("m", "N").correction
