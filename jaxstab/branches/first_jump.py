@@ -104,7 +104,10 @@ def first_jump(
     number = 2 + max(0, math.ceil(math.log2(width / (2 * tolerance))))
     contacts = [make_contact(array(value)) for value in ends]
     require_contact(contacts[0])
-    with warned_once(contacts[0], FOR_JUMPS), progress_bar(number, "path", shown=progress) as bar:
+    with (
+        warned_once(contacts[0], FOR_JUMPS),
+        progress_bar("first jump", number, "path", shown=progress) as bar,
+    ):
 
         def path(contact: Contact, must_hold: bool) -> tuple[Branch, Turn | None, RESULTS]:
             branch = continuation(contact, load, progress=False, throw=must_hold)

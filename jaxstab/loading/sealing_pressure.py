@@ -86,7 +86,10 @@ def sealing_pressure(
     def is_open(state: Equilibrium) -> bool:
         return bool(clusters_of(~np.asarray(state.in_contact)).spans[:, axis].any())
 
-    with warned_once(contact, FOR_STATES), progress_bar(0, "state", shown=progress) as bar:
+    with (
+        warned_once(contact, FOR_STATES),
+        progress_bar("sealing pressure", 0, "state", shown=progress) as bar,
+    ):
         # Without load and attraction there is no state to find, and nothing is closed.
         before = equilibrate(contact, MeanPressure(0.0), initial=initial, throw=False)
         unit = float(_conforming_pressure(contact))
