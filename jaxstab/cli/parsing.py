@@ -9,6 +9,8 @@ from difflib import get_close_matches
 from pathlib import Path
 from typing import Any, NoReturn
 
+from jaxstab.core.text import decoded
+
 # How a command ends.
 FAILED = 1
 BAD_INPUT = 2
@@ -110,7 +112,10 @@ def from_config(parser: Parser, path: Path) -> list[str]:
     arguments = []
     seen = set[str]()
     try:
-        items = [*tomllib.loads(path.read_text("utf-8")).items()]
+        text = decoded(path.read_bytes())
+        if text is None:
+            raise ValueError("it is no text")
+        items = [*tomllib.loads(text).items()]
     except (OSError, ValueError) as error:
         parser.error(f"{source}it is not TOML: {error}.")
     for name, value in items:

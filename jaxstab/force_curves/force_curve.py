@@ -38,7 +38,8 @@ class ForceCurve:
         retraction: the part in which it retracts, or None.
         pauses: other parts, as between approach and retraction, in their order.
         spring_constant: of the cantilever [force/length], N/m in the files of instruments.
-        sensitivity: its deflection over the voltage of the detector [length/V].
+        sensitivity: its deflection over the signal of the detector [length/V, or length/A].
+        signal_unit: the unit of that signal, "V" or "A".
         position: where on the sample it was measured, x and y [length].
         pixel: its column and row on a map.
         unit: the unit of lengths.
@@ -54,6 +55,7 @@ class ForceCurve:
     pauses: tuple[Segment, ...] = ()
     spring_constant: float | None = None
     sensitivity: float | None = None
+    signal_unit: str = "V"
     position: tuple[float, float] | None = None
     pixel: tuple[int, int] | None = None
     unit: str = "m"
@@ -196,7 +198,8 @@ class ForceCurve:
                         "units": units.get(column, "s"),
                     }
                     variables[f"{prefix}_{column}"] = (f"{prefix}_point", values, attributes)
-        lengths = f"{self.force_unit}/{self.unit}", f"{self.unit}/V", self.unit, self.unit
+        per_signal = f"{self.unit}/{self.signal_unit}"
+        lengths = f"{self.force_unit}/{self.unit}", per_signal, self.unit, self.unit
         x, y = self.position or (None, None)
         numbers = {
             "spring_constant": self.spring_constant,
@@ -229,7 +232,7 @@ class ForceCurve:
             constant = f"{self.spring_constant * per_si:.6g} N/m"
         yield "spring constant", constant
         if self.sensitivity is not None:
-            yield "sensitivity", f"{self.sensitivity:.6g} {self.unit}/V"
+            yield "sensitivity", f"{self.sensitivity:.6g} {self.unit}/{self.signal_unit}"
         if self.position is not None:
             x, y = self.position
             yield "position", f"x = {x:.6g} {self.unit}, y = {y:.6g} {self.unit}"

@@ -18,9 +18,14 @@ logging.getLogger("afmformats").addHandler(logging.NullHandler())
 
 
 def read_instrument(
-    path: Path, spring_constant: float | None, sensitivity: float | None
+    path: Path, spring_constant: float | None, sensitivity: float | None, is_text: bool
 ) -> tuple[list[Recording], tuple[int, int] | None]:
     """Return the curves of a file, and the columns and rows of the map that they are pixels of.
+
+    Arguments:
+        path: the file.
+        spring_constant, sensitivity: what the user knows [N/m, m/V].
+        is_text: whether it is a text, which the user may make a table of named columns.
 
     Raises:
         ImportError: without afmformats.
@@ -28,12 +33,17 @@ def read_instrument(
     """
     require_packages("Force curves of instruments", "afm", "afmformats")
     given = {"spring constant": spring_constant, "sensitivity": sensitivity}
-    curves, remarks = _loaded(path, {k: x for k, x in given.items() if x is not None})
+    curves, remarks = _loaded(path, {k: x for k, x in given.items() if x is not None}, is_text)
     if not curves:
         raise ValueError("it holds no force curve.")
+    from afmformats import formats
+
+    signal = "V"
+    if formats.get_recipe(path).maker.startswith("NT-MDT"):
+        signal = "A"
     try:
         recordings = [
-            _recording(curve, given, _source(path, number, len(curves)), remarks)
+            _recording(curve, given, _source(path, number, len(curves)), remarks, signal)
             for number, curve in enumerate(curves)
         ]
         shapes = {_whole_pair(curve.metadata, "grid shape {}") for curve in curves}
@@ -51,7 +61,9 @@ def _errors() -> tuple[type[BaseException], ...]:
     return errors.AFMFileFormatError, errors.MissingMetaDataError, meta.MetaDataMissingError
 
 
-def _loaded(path: Path, given: dict[str, float]) -> tuple[list[Any], tuple[str, ...]]:
+def _loaded(
+    path: Path, given: dict[str, float], is_text: bool
+) -> tuple[list[Any], tuple[str, ...]]:
     """Return what afmformats finds in a file, and its warnings."""
     import afmformats
     from afmformats.errors import MissingMetaDataError
@@ -68,7 +80,7 @@ def _loaded(path: Path, given: dict[str, float]) -> tuple[list[Any], tuple[str, 
                 if override is given or not {*missing} <= {*given}:
                     raise ValueError(_without(missing, given)) from None
             except (Exception, *_errors()) as error:
-                raise ValueError(_reason(path, error)) from None
+                raise ValueError(_reason(path, error, is_text)) from None
     raise AssertionError("Unreachable.")
 
 
@@ -80,20 +92,23 @@ def _without(missing: list[str], given: dict[str, float]) -> str:
     return f"it lacks {said}, without which its voltages are no forces: give read(path, {call})."
 
 
-def _reason(path: Path, error: BaseException) -> str:
+def _reason(path: Path, error: BaseException, is_text: bool) -> str:
     import afmformats
 
     known = ", ".join(afmformats.formats.supported_extensions)
+    reason = f"afmformats cannot read it: {_said(error)}"
     if path.suffix not in afmformats.formats.supported_extensions:
-        return (
-            f"its suffix {path.suffix!r} is none that afmformats knows, which are {known}. Text "
-            "needs a line that names columns with units, as `height [nm],force [nN]`."
-        )
-    if zipfile.is_zipfile(path) and path.suffix == ".zip":
+        reason = f"its suffix {path.suffix!r} is none that afmformats knows, which are {known}."
+    elif zipfile.is_zipfile(path) and path.suffix == ".zip":
         names = zipfile.ZipFile(path).namelist()
         if not all(name.endswith(".csv") for name in names):
             return f"it is an archive of {', '.join(names[:3])}: unpack it, and read what it holds."
-    return f"afmformats cannot read it: {_said(error)}"
+    if is_text:
+        reason += (
+            " Text needs a line that names columns with units, as `height [nm],force [nN]`, above "
+            "the numbers and in place of another header."
+        )
+    return reason
 
 
 def _said(error: object) -> str:
@@ -104,7 +119,11 @@ def _said(error: object) -> str:
 
 
 def _recording(
-    curve: Any, given: dict[str, float | None], source: str, remarks: tuple[str, ...]
+    curve: Any,
+    given: dict[str, float | None],
+    source: str,
+    remarks: tuple[str, ...],
+    signal: str,
 ) -> Recording:
     data = {name: np.asarray(curve[name]).astype(float) for name in curve.columns}
     if "force" not in data:
@@ -133,6 +152,7 @@ def _recording(
         speeds=(metadata.get("speed approach"), metadata.get("speed retract")),
         spring_constant=constant,
         sensitivity=known["sensitivity"],
+        signal_unit=signal,
         position=_pair(metadata, "position {}"),
         pixel=_whole_pair(metadata, "grid index {}"),
         source=source,

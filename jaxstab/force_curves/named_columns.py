@@ -33,6 +33,10 @@ _NAMES = {
     "y": "y",
 }
 _TITLE = re.compile(r"\s*(?P<name>.*?)\s*[\[(]\s*(?P<unit>[^\[\]()]*?)\s*[\])]\s*")
+# A title with its unit, or without one, where blanks separate titles.
+_BEFORE_BLANK = re.compile(
+    r"(?:segment|curve)(?=\s|$)|[^\s\[(][^\[(]*?\s*[\[(][^\])]*[\])]|\S+", re.IGNORECASE
+)
 _QUANTITY = re.compile(r"\s*(?P<value>[-+]?[\d.]+(?:e[-+]?\d+)?)\s*(?P<unit>\S+)\s*", re.IGNORECASE)
 _LENGTH, _FORCE, _TIME, _DEFLECTION = "a length", "a force", "a time", "a length or a voltage"
 _KINDS = {
@@ -53,7 +57,7 @@ def is_named_table(text: str) -> bool:
     lines = list(_lines(text))
     if not lines:
         return False
-    cells = _cells(lines[0][1], _separator(lines[0][1]))
+    cells = _titles(lines[0][1], _separator(lines[0][1]))
     return any(match["name"] for match in map(_TITLE.fullmatch, cells) if match)
 
 
@@ -93,7 +97,7 @@ def read_named_columns(
     constant = agreed("spring constant", spring_constant, stated.get("spring constant"), "N/m")
     sensitivity = agreed("sensitivity", sensitivity, stated.get("sensitivity"), "m/V")
     separator = _separator(lines[0][1])
-    columns = _columns(_cells(lines[0][1], separator))
+    columns = _columns(_titles(lines[0][1], separator))
     table = _table(lines, separator, columns)
     unread = (column.title for column in columns if not column.kind)
     remarks = tuple(f"column {title!r} not read" for title in unread if title)
@@ -326,8 +330,17 @@ def _lines(text: str) -> Iterator[tuple[int, str]]:
 
 
 def _separator(header: str) -> str:
-    return next((mark for mark in ";\t" if mark in header), ",")
+    return next((mark for mark in ";\t," if mark in header), " ")
+
+
+def _titles(header: str, separator: str) -> list[str]:
+    """Return the titles of columns, which end with their units if blanks separate them."""
+    if separator != " ":
+        return _cells(header, separator)
+    return [match[0] for match in _BEFORE_BLANK.finditer(header)]
 
 
 def _cells(line: str, separator: str) -> list[str]:
+    if separator == " ":
+        return line.split()
     return next(csv.reader([line.strip()], delimiter=separator))

@@ -3,6 +3,7 @@
 from pathlib import Path
 
 from jaxstab.core.checks import file_named_in_errors
+from jaxstab.core.text import decoded
 from jaxstab.core.warn import warn
 from jaxstab.force_curves.curves import ForceCurves, all_of
 from jaxstab.force_curves.force_curve import ForceCurve, ForceCurveWarning
@@ -25,12 +26,13 @@ def read(
     Files of instruments (JPK, Asylum, NT-MDT, AFM Workshop, Optics11; HDF5 and tab of afmformats)
     are read by the package afmformats, from the extra `afm`.
 
-    Text has a line that names its columns with units, as `height [nm],force [nN]`, and a line for
-    each point. It needs `force`, or `deflection` in a unit of length or voltage, and `height`,
+    Text, in UTF-8, UTF-16 or Latin-1, has a line that names its columns with units, as
+    `height [nm],force [nN]`, and a line for each point; commas, semicolons, tabs or blanks separate
+    them. It needs `force`, or `deflection` in a unit of length or voltage, and `height`,
     `extension` (a height that grows towards the sample) or `tip position`. It may have `time`,
     `segment` (names or numbers), `curve` (names or numbers) and `x`, `y`. Comments state
     `# spring constant: 0.2 N/m` and `# sensitivity: 50 nm/V`. Empty cells and nan are missing
-    points.
+    points. Times that begin anew at zero in each segment are joined to one clock.
 
     Arguments:
         path: the file.
@@ -72,12 +74,14 @@ def _curves(
     content = path.read_bytes()
     if not content:
         raise ValueError("the file is empty.")
-    text = _text(content)
+    text = decoded(content)
     shape = None
     if text is not None and _is_table(path, text):
         recordings = read_named_columns(text, path.name, spring_constant, sensitivity)
     else:
-        recordings, shape = read_instrument(path, spring_constant, sensitivity)
+        recordings, shape = read_instrument(
+            path, spring_constant, sensitivity, is_text=text is not None
+        )
     curves = []
     failed = []
     for recording in recordings:
@@ -96,14 +100,3 @@ def _is_table(path: Path, text: str) -> bool:
     if _WORKSHOP in text[:200]:
         return False
     return path.suffix.lower() in _TABLES or is_named_table(text)
-
-
-def _text(content: bytes) -> str | None:
-    """Return the text of a file, None for binary content."""
-    if b"\0" in content[:4096]:
-        return None
-    try:
-        return content.decode("utf-8-sig")
-    except UnicodeDecodeError:
-        # Older programs write units in Latin-1.
-        return content.decode("latin-1")

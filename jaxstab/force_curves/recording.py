@@ -37,6 +37,7 @@ class Recording:
     speeds: tuple[float | None, float | None] = (None, None)
     spring_constant: float | None = None
     sensitivity: float | None = None
+    signal_unit: str = "V"
     position: tuple[float, float] | None = None
     pixel: tuple[int, int] | None = None
     source: str = ""
@@ -81,6 +82,7 @@ class Recording:
             pauses=tuple(part for i, part in enumerate(segments) if i not in (down, up)),
             spring_constant=self.spring_constant,
             sensitivity=self.sensitivity,
+            signal_unit=self.signal_unit,
             position=self.position,
             pixel=self.pixel,
             source=self.source,

@@ -15,6 +15,7 @@ import numpy as np
 from jaxstab.core.checks import file_named_in_errors
 from jaxstab.core.display import times
 from jaxstab.core.grid import Grid
+from jaxstab.core.text import decoded
 from jaxstab.core.types import ArrayLike
 from jaxstab.surfaces import faults
 from jaxstab.surfaces.formats.arrays import read_arrays
@@ -27,7 +28,7 @@ from jaxstab.surfaces.topography import Topography
 _NUMPY = b"\x93NUMPY"
 _GZIP = b"\x1f\x8b"
 _NETCDF = b"CDF", b"\x89HDF\r\n\x1a\n"
-_CONTROL = re.compile(rb"[^\t\n\v\f\r -\xff]")
+_CONTROL = re.compile(r"[^\t\n\v\f\r -\U0010ffff]")
 
 
 def read(
@@ -99,10 +100,10 @@ def _scan(path: Path, channel: str | None) -> Scan:
         return read_arrays(content, channel)
     if content.startswith(_NETCDF):
         read_own = partial(read_netcdf, content, channel)
-    elif _CONTROL.search(content):
-        return read_instrument(source, channel)
     else:
-        text = _decoded(content)
+        text = decoded(content)
+        if text is None or _CONTROL.search(text):
+            return read_instrument(source, channel)
         read_own = partial(read_text, text, channel)
         source = BytesIO(text.encode())
     try:
@@ -119,14 +120,6 @@ def _is_npz(content: bytes) -> bool:
         return False
     names = zipfile.ZipFile(BytesIO(content)).namelist()
     return bool(names) and all(name.endswith(".npy") for name in names)
-
-
-def _decoded(content: bytes) -> str:
-    try:
-        return content.decode("utf-8-sig")
-    except UnicodeDecodeError:
-        # Older programs write units and comments in Latin-1.
-        return content.decode("latin-1")
 
 
 def _topography(

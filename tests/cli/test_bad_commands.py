@@ -95,6 +95,15 @@ def test_files_that_make_no_sense_end_in_one_line(
     assert_refused(arguments, message, capsys)
 
 
+@pytest.mark.parametrize("encoding", ["utf-8-sig", "utf-16", "utf-16-le"])
+def test_a_configuration_is_read_in_the_encodings_of_editors(tmp_path, encoding, capsys):
+    file = tmp_path / "editor.toml"
+    file.write_bytes("size = true".encode(encoding))
+    assert_refused(["run", "--config", str(file)], "size is True: give options as", capsys)
+    file.write_bytes(b"\0\1\2")
+    assert_refused(["run", "--config", str(file)], "it is not TOML: it is no text", capsys)
+
+
 def assert_refused(arguments, message, capsys):
     with pytest.raises(SystemExit) as refused:
         main(arguments)

@@ -74,6 +74,53 @@ def test_one_curve_reads_alike_in_other_columns_and_units(
     assert np.isclose(curve.spring_constant, 0.5)
 
 
+@pytest.mark.parametrize("encoding", ["utf-8-sig", "utf-16", "utf-16-le", "utf-16-be", "utf-32"])
+@pytest.mark.parametrize("name", ["curve.csv", "curve.txt"])
+def test_text_in_other_encodings_reads_alike(tmp_path, encoding, name):
+    text = table("height [µm],force [nN]", HEIGHT / 1e3, FORCE)
+    (tmp_path / name).write_bytes(text.encode(encoding))
+    curve = js.force_curves.read(tmp_path / name)
+    np.testing.assert_allclose(curve.approach.height, 1e-9 * HEIGHT[:61], rtol=1e-12)
+
+
+@pytest.mark.parametrize(
+    "titles", ["height [nm] force [nN] segment", "segment  height (nm)   force (nN)"]
+)
+@pytest.mark.parametrize("mark", [".", ","])
+def test_blanks_separate_titles_and_numbers(tmp_path, titles, mark):
+    names = ["in"] * 61 + ["out"] * 41
+    columns = {"height": HEIGHT, "force": FORCE, "segment": names}
+    order = [word for word in titles.split() if word in columns]
+    rows = zip(*(columns[name] for name in order), strict=True)
+    body = "\n".join("   ".join(map(str, row)) for row in rows).replace(".", mark)
+    curve = read(tmp_path, f"# spring constant: 0.5 N/m\n{titles}\n{body}\n", "curve.txt")
+    np.testing.assert_allclose(curve.retraction.force, 1e-9 * FORCE[61:], rtol=1e-12)
+    np.testing.assert_allclose(curve.approach.height, 1e-9 * HEIGHT[:61], rtol=1e-12)
+    assert not curve.remarks
+
+
+def test_text_of_an_instrument_that_is_not_known_is_told_of_named_columns(tmp_path):
+    pytest.importorskip("afmformats")
+    text = table("Z\tDeflection", comments="Ramp size: 500\n").replace(",", "\t")
+    for name in ("export.txt", "export.asc"):
+        with pytest.raises(ValueError, match="a line that names columns with units"):
+            read(tmp_path, text, name)
+    with pytest.raises(ValueError, match="no column force"):
+        read(tmp_path, text, "export.csv")
+
+
+def test_the_sensitivity_of_a_detector_of_currents_is_per_ampere(tmp_path):
+    """Three columns, as Nova of NT-MDT exports them, begin with repeated values."""
+    pytest.importorskip("afmformats")
+    height = np.linspace(-3000, 0, 40)
+    force = np.where(height > -500, (height + 500) / 1e3, 0.001 * np.arange(40))
+    rows = zip(height, force, force, strict=True)
+    text = "\n".join("\t".join(f"{x:.4f}".replace(".", ",") for x in row) for row in rows)
+    curve = read(tmp_path, text, "nova.txt", spring_constant=0.05, sensitivity=50.0)
+    assert "sensitivity      5e+07 µm/A" in repr(curve.in_units("µm", "nN"))
+    assert curve.to_dataset().sensitivity.attrs["units"] == "m/A"
+
+
 def test_units_are_converted_and_back(tmp_path):
     path = tmp_path / "curve.csv"
     columns = (HEIGHT, FORCE, np.arange(102.0), np.full(102, 3.0), np.full(102, 4.0))

@@ -57,6 +57,13 @@ def test_separators_comments_and_missing_points_of_text(tmp_path, text):
     assert "1 points (12.5 %)" in str(topography)
 
 
+@pytest.mark.parametrize("encoding", ["utf-8-sig", "utf-16", "utf-16-be", "utf-32"])
+def test_text_in_other_encodings_reads_alike(tmp_path, encoding):
+    (tmp_path / "matrix.txt").write_bytes("# µm\n1 2 3 .1\n4 5 6.5 .2\n".encode(encoding))
+    topography = js.surfaces.read(tmp_path / "matrix.txt", lengths=(9.0, 9.0), unit="µm")
+    np.testing.assert_array_equal(topography.heights, [[1, 2, 3, 0.1], [4, 5, 6.5, 0.2]])
+
+
 def test_comments_of_ones_own_are_left_alone(tmp_path):
     header = "# h: heights along x\n# made: 7.8.2026\n# Channel: Height\n"
     topography = read_text(tmp_path, header + "1 2 3 4\n5 6 7 8\n9 8 7 6\n", (1, 2))
