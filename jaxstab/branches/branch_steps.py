@@ -199,22 +199,20 @@ def _after(
     # In full contact a load that holds the gap stays where it is, whatever the pressure.
     is_stuck = ~jnp.any(step.here.is_free) & (problem.curve.load_gradient.pressure == 0)
     end = KINDS.where(is_stuck, KINDS.full_contact, end)
-    end = KINDS.where(_goes_apart(problem, step), KINDS.separated, end)
+    # Unless the last load comes before.
+    is_before = (problem.last - problem.curve.value(step.here.at)) * problem.last >= 0
+    end = KINDS.where(goes_apart(problem.curve, step) & is_before, KINDS.separated, end)
     is_loop = step.is_new & closes_loop(problem.curve, branch, step.here.at)
     end = KINDS.where(is_loop, KINDS.loop, end)
     end = KINDS.where(step.is_there, KINDS.load, end)
     return branch.count + step.is_new, end
 
 
-def _goes_apart(problem: ContinuationProblem, step: ArclengthStep) -> Flag:
-    """Return whether surfaces go apart without end, towards zero pressure.
-
-    That is so unless the last load comes before.
-    """
+def goes_apart(curve: Curve, step: ArclengthStep) -> Flag:
+    """Return whether surfaces with hardly any attraction left go apart, towards zero pressure."""
     here = step.here
-    value = problem.curve.value(step.here.at)
-    is_far = jnp.all(here.at.gap > problem.curve.farthest) & (jnp.mean(here.tangent.gap) > 0)
-    return step.is_new & is_far & ((problem.last - value) * problem.last >= 0)
+    is_far = jnp.all(here.at.gap > curve.farthest)
+    return step.is_new & is_far & (jnp.mean(here.tangent.gap) > 0)
 
 
 def closes_loop(curve: Curve, branch: BranchState, at: Point) -> Flag:

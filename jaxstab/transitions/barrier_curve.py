@@ -18,12 +18,10 @@ import numpy as np
 from jaxstab.branches.differentiable_limit import CriticalLoad
 from jaxstab.branches.kinds import KINDS
 from jaxstab.contact import Contact
-from jaxstab.core.accuracy import EQUILIBRIUM
 from jaxstab.core.checks import array
 from jaxstab.core.types import Flag, Scalar
-from jaxstab.equilibrium import Equilibrium, equilibrate
 from jaxstab.loading.path import Path
-from jaxstab.loads import MeanGap, MeanPressure
+from jaxstab.loads import MeanPressure
 from jaxstab.transitions.transition import largest_climb
 
 # Passes are computed at no more than so many loads.
@@ -157,9 +155,6 @@ class BarrierCurve:
 
     def _node(self, tension: float) -> _Node:
         """Return the barrier at a tension."""
-        if tension == 0:
-            start = self._path[0].equilibrium
-            return _Node(0.0, float(_apart(self._contact).energy - start.energy), np.nan)
         # The last state of the path at a lower tension.
         number = int(np.flatnonzero(self._tensions <= tension * (1 + 1e-9))[-1])
         gaps = self._path.equilibrium.gap
@@ -173,6 +168,9 @@ class BarrierCurve:
             climb, (array(-tension, gaps.dtype),), (array(1.0, gaps.dtype),), has_aux=True
         )
         self._is_direct &= bool(is_direct)
+        if tension == 0:
+            # It falls the faster there the farther apart the surfaces are on the pass.
+            slope = np.nan
         return _Node(tension, max(float(barrier), 0.0), -float(slope))
 
     def _between(self, i: int, tensions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -215,12 +213,3 @@ class BarrierCurve:
     def _slope(self, node: _Node) -> float:
         """Return the slope of the power of the barrier that is smooth."""
         return node.slope * node.barrier ** (1 / self._power - 1) / self._power
-
-
-def _apart(contact: Contact) -> Equilibrium:
-    """Return a state of surfaces that hardly attract each other any more."""
-    profile = contact.profile
-    # From there on no equilibrium tells the attraction from none.
-    reach = profile.outermost_gap(EQUILIBRIUM["float64"] * profile.max_attraction)
-    lifted = reach + contact.heights.max() - contact.heights.mean()
-    return equilibrate(contact, MeanGap(lifted))

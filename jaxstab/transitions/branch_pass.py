@@ -8,6 +8,10 @@ the state with detached surfaces.
 
 Minima that are met on the way may be deeper than the start. Each has a climb, up to the pass
 between it and detached surfaces. The largest climb is the exponent of the time until detachment.
+
+Under a small tension, or none, the last saddle lies far out, where hardly any attraction is left.
+To it leads a displacement of the whole surface, along which the energy is largest there: without a
+load at infinity.
 """
 
 from collections.abc import Iterator, Sequence
@@ -15,21 +19,27 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxstab.branches.branch_steps import BranchState, begin, next_state
+from jaxstab.branches.branch_steps import BranchState, begin, goes_apart, next_state
 from jaxstab.branches.curve import ContinuationProblem
 from jaxstab.branches.kinds import KINDS
 from jaxstab.contact import Contact
+from jaxstab.core.accuracy import EQUILIBRIUM
 from jaxstab.core.checks import array
 from jaxstab.core.compile import program
 from jaxstab.core.progress import advance_if_known
 from jaxstab.core.results import RESULTS
+from jaxstab.core.stack import stacked
 from jaxstab.core.types import Field, Flag, Scalar
-from jaxstab.equilibrium import Equilibrium
+from jaxstab.equilibrium import Equilibrium, PreconditionedConjugateGradient
+from jaxstab.equilibrium.equilibrate import find
+from jaxstab.equilibrium.equilibrium import detached_where
 from jaxstab.loading.pull_off import dead_load
 from jaxstab.loads import Load
+from jaxstab.potentials.profile import HARDLY_ANY
 from jaxstab.transitions.saddle import Saddle, are_apart, minima_beside, no_saddle, saddle_near
 from jaxstab.transitions.string import Landscape
 
@@ -87,9 +97,13 @@ def climbs_on_branch(
         branches = _branch(contact, load, start)
     for count, (branch, is_at_load) in enumerate(branches, 1):
         gap = branch.step.here.at.gap
-        if is_at_load and branch.step.index == 1:
-            saddle = saddle_near(contact, load, gap, array(-np.inf, gap.dtype))
-            minima = minima_beside(contact, load, saddle, start.gap)
+        is_apart = branch.end == KINDS.separated
+        if is_apart or (is_at_load and branch.step.index == 1):
+            if is_apart:
+                saddle, minima = _separation(contact, load, gap)
+            else:
+                saddle = saddle_near(contact, load, gap, array(-np.inf, gap.dtype))
+                minima = minima_beside(contact, load, saddle, start.gap)
             images_there = [*images, _image(contact, load, gap)]
             climbs = ways.climbs_with(BranchPass(saddle, minima, images_there))
             if climbs:
@@ -105,6 +119,37 @@ def climbs_on_branch(
     saddle = no_saddle(start.gap)
     minima = minima_beside(contact, load, saddle, start.gap)
     return [Climb(start, BranchPass(saddle, minima, images), np.nan)], result
+
+
+def _separation(contact: Contact, load: Load, gap: Field) -> tuple[Saddle, Equilibrium]:
+    """Return the saddle beyond a gap with hardly any attraction left, and the states beside it.
+
+    Far out no Newton's method tells the saddle from none, nor need it: surfaces that do not deform
+    are in equilibrium there within the accuracy of all others.
+    """
+    near = find(contact, load, PreconditionedConjugateGradient(), gap)
+    apart = _apart(contact, load)
+    saddle = saddle_near(contact, load, apart.gap, _image(contact, load, near.gap).energy)
+    if not saddle.is_found:
+        saddle = apart
+    sides = [near, detached_where(array(True), near)]
+    return saddle, stacked(sides, near)
+
+
+@program
+def _apart(contact: Contact, load: Load) -> Saddle:
+    """Return the surfaces without deformation where their energy and the load's is largest."""
+    landscape = Landscape(contact, contact.control(load))
+    above = jnp.max(contact.heights) - contact.heights
+    profile = contact.profile
+    least, most = (
+        profile.outermost_gap(part * profile.max_attraction)
+        for part in (HARDLY_ANY, EQUILIBRIUM["float64"])
+    )
+    is_far = (profile.gaps >= least) & (profile.gaps <= most)
+    energies = jax.lax.map(lambda level: landscape.energy(level + above), profile.gaps)
+    gap = profile.gaps[jnp.argmax(jnp.where(is_far, energies, -jnp.inf))] + above
+    return Saddle(gap, jnp.full_like(gap, gap.size**-0.5), landscape.energy(gap), jnp.array(True))
 
 
 def _branch(contact: Contact, load: Load, start: Equilibrium) -> Iterator[tuple[BranchState, bool]]:
@@ -124,6 +169,8 @@ def _branch(contact: Contact, load: Load, start: Equilibrium) -> Iterator[tuple[
             leaves = False
         else:
             branch = new
+            if not leaves:
+                branch = _unless_apart(problem, branch)
         is_at_load = not leaves and bool(branch.end == KINDS.load)
         if branch.step.is_new or not branch.is_on:
             advance_if_known(branch)
@@ -163,6 +210,14 @@ def _coming_back(
     """Return the problem of a branch that is to come back to its first load."""
     end = KINDS.where(branch.end == KINDS.load, KINDS.states, branch.end)
     return replace(problem, first=problem.last, last=problem.first), replace(branch, end=end)
+
+
+@program
+def _unless_apart(problem: ContinuationProblem, branch: BranchState) -> BranchState:
+    """Return a branch, at its end where surfaces go apart, though its last load comes later."""
+    is_apart = (branch.end == KINDS.states) & goes_apart(problem.curve, branch.step)
+    end = KINDS.where(is_apart, KINDS.separated, branch.end)
+    return replace(branch, end=end)
 
 
 @program

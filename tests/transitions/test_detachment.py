@@ -119,6 +119,33 @@ def test_a_load_that_grows_from_zero_has_the_work_of_separation_as_its_barrier(d
     assert found.survival(1.00001 * found.median) == 0
 
 
+def test_without_a_load_the_barrier_is_that_of_the_deepest_state_on_the_way(detaching):
+    """The limit of those of small tensions, and the work to separate the state of least energy."""
+    line, _ = detaching
+    heights = js.surfaces.self_affine(line.grid, jax.random.key(29), k_high=4, rms_height=0.15)
+    contact = js.Contact(line.solid, heights, js.potentials.Exponential(0.01, 0.03))
+    rest = js.MeanPressure(0.0)
+    starts = np.random.default_rng(29).uniform(0, 0.2, (8, 12))
+    states = [js.equilibrate(contact, rest, initial=gap) for gap in starts]
+    least = min(float(state.energy) for state in states)
+    options = {"thermal_energy": 1e-6, "attempt_rate": 1.0}
+    # Of a state that presses, too, from which the contact is unloaded to the load.
+    pressed = js.equilibrate(contact, js.MeanPressure(0.02))
+    found = js.detachment(contact, rest, initial=pressed, **options)
+    np.testing.assert_allclose(found.barriers[0], -least, rtol=1e-7)
+    assert not found.is_direct
+    held = js.equilibrate(contact, rest)
+    assert held.energy > 0.5 * least
+    before = float(found.barriers[0])
+    for part in (1e-6, 1e-3):
+        pull = js.MeanPressure(part * found.pull_off.load.value)
+        barrier = float(js.detachment(contact, pull, **options).barriers[0])
+        # So far out the attraction is a small part of the load.
+        lift = -0.03 * np.log(-float(pull.value) * 0.03 / 0.01) + 0.4
+        assert 0 < before - barrier < -float(pull.value) * lift
+        before = barrier
+
+
 def test_a_state_at_the_load_but_for_rounding_is_one_to_begin_from(detaching):
     contact, _ = detaching
     options = {"thermal_energy": 2e-4, "attempt_rate": 1e9}
