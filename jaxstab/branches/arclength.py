@@ -32,7 +32,14 @@ from jaxstab.branches.corrector import (
     on_plane,
 )
 from jaxstab.branches.curve import ContinuationProblem, Place, Point
-from jaxstab.branches.events import ActiveSetChanges, beyond_change, changes_ahead, fold_between
+from jaxstab.branches.events import (
+    ActiveSetChanges,
+    Beyond,
+    beyond_change,
+    beyond_none,
+    changes_ahead,
+    fold_between,
+)
 from jaxstab.branches.interpolation import (
     Cubics,
     changes_as_predicted,
@@ -41,13 +48,20 @@ from jaxstab.branches.interpolation import (
     turns_as_predicted,
 )
 from jaxstab.branches.kinds import KINDS
-from jaxstab.branches.morse_index import MOST, UNKNOWN, DrivenIndex, driven_index_of, index_of
+from jaxstab.branches.morse_index import (
+    MOST,
+    UNKNOWN,
+    DrivenIndex,
+    driven_index_of,
+    index_of,
+    no_modes,
+)
 from jaxstab.contact.hessian import Block
 from jaxstab.core.accuracy import EQUILIBRIUM, EXACT, rounding_of_numbers
 from jaxstab.core.checks import array, concrete
 from jaxstab.core.compile import program
 from jaxstab.core.control_flow import choose, cond
-from jaxstab.core.grid import total
+from jaxstab.core.grid import mean_over, total
 from jaxstab.core.types import Field, Flag, Scalar
 
 # The least cosine between the tangents at both ends of a step, and that from which steps grow.
@@ -165,18 +179,21 @@ class _Events(eqx.Module):
     Attributes:
         fold: the place where the load turns at a fold.
         is_flat: whether the rate of the load vanishes there.
-        new: the place beyond the step.
-        goes_on: whether the branch goes on from there.
+        beyond: the place beyond the step.
         index: the number of negative eigenvalues there.
         modes: the lowest modes there.
+        opened_index: the number with all points free that change sides together; without such
+            points the same.
+        opened_modes: the lowest modes with these.
     """
 
     fold: Place
     is_flat: Flag
-    new: Place
-    goes_on: Flag
+    beyond: Beyond
     index: Int[Array, ""]
     modes: Block
+    opened_index: Int[Array, ""]
+    opened_modes: Block
 
 
 class _Account(eqx.Module):
@@ -186,17 +203,17 @@ class _Account(eqx.Module):
         is_sound: whether the branch goes on behind them, and has not reached the last load before.
         agrees: whether they explain the index.
         is_open: whether they do not, but another branch that crosses may.
+        index: the index at the place behind, `UNKNOWN` too where that of its change is.
         expected: the index with which the branch goes on, `UNKNOWN` where it may be any.
-        turns: whether the load turns at one of them.
-        kind: which kind of turn that is.
+        turn: the turn at one of them, or the bifurcation.
     """
 
     is_sound: Flag
     agrees: Flag
     is_open: Flag
+    index: Int[Array, ""]
     expected: Int[Array, ""]
-    turns: Flag
-    kind: KINDS
+    turn: TurnInStep
 
 
 class _Trial(NamedTuple):
@@ -240,9 +257,7 @@ def take_step(problem: ContinuationProblem, step: ArclengthStep) -> ArclengthSte
     def explained() -> ArclengthStep:
         events = _events_in(trial)
         account = _account_of(trial, events)
-        fold = events.fold
-        direction = cond(judgement.turns, lambda: fold.tangent.gap, lambda: events.new.tangent.gap)
-        turn = TurnInStep(account.turns, fold.at, account.kind, direction)
+        turn = account.turn
         agrees = account.agrees
         # To a limit no branch leads across another one: a bifurcation is a limit.
         if not problem.to_limit:
@@ -253,8 +268,8 @@ def take_step(problem: ContinuationProblem, step: ArclengthStep) -> ArclengthSte
             )
         taken = replace(
             step,
-            here=events.new,
-            index=events.index,
+            here=events.beyond.place,
+            index=account.index,
             expected=account.expected,
             modes=events.modes,
             turn=turn,
@@ -374,15 +389,23 @@ def _events_in(trial: _Trial) -> _Events:
         lambda: fold_between(curve, step.here, reached),
         lambda: (reached, array(True)),
     )
-    new, goes_on = cond(
+    beyond = cond(
         target.is_change,
         lambda: beyond_change(curve, reached, target.changes, target.opens),
-        lambda: (reached, array(True)),
+        lambda: beyond_none(reached),
     )
-    index, modes = index_of(
-        curve.contact, curve.load, new.at.gap, step.modes, counts_all=not problem.to_limit
+    inputs = curve.contact, curve.load, beyond.place.at.gap
+    if problem.to_limit:
+        # It matters whether the branch goes on unstable, and not by which mode.
+        found = index_of(*inputs, step.modes, opened=beyond.opened, counts_all=False)
+        return _Events(fold, is_flat, beyond, *found, *found)
+    found = index_of(*inputs, step.modes)
+    opened = cond(
+        beyond.is_tied,
+        lambda: index_of(*inputs, no_modes(beyond.opened), opened=beyond.opened, precise=True),
+        lambda: found,
     )
-    return _Events(fold, is_flat, new, goes_on, index, modes)
+    return _Events(fold, is_flat, beyond, *found, *opened)
 
 
 class _Turning(eqx.Module):
@@ -391,24 +414,27 @@ class _Turning(eqx.Module):
     Attributes:
         back: whether the load turns back at the active-set change.
         touches: whether a point touches there.
-        flips: how many points change sides there.
-        change: the change of the index, without a sign where the load turns at a fold.
+        is_tied: whether several points change sides there, at once.
+        change: the change of the index, without a sign where the load turns at a fold; until points
+            change sides at once.
     """
 
     back: Flag
     touches: Flag
-    flips: Int[Array, ""]
+    is_tied: Flag
     change: Int[Array, ""]
 
     @classmethod
-    def at(cls, trial: _Trial, new: Place) -> "_Turning":
+    def at(cls, trial: _Trial, beyond: Beyond) -> "_Turning":
         problem, _, target, judgement, reached = trial
         curve = problem.curve
+        new = beyond.place
         back = curve.rate(reached.tangent) * curve.rate(new.tangent) < 0
         # At a release the released point has no part in the index yet.
         touches = target.is_change & ~target.opens
-        change = jnp.where(judgement.turns, 1, jnp.where(touches & back, -1, 0))
-        return cls(back, touches, jnp.sum(new.is_free != reached.is_free), change)
+        loses_one = touches & back & ~beyond.is_tied
+        change = jnp.where(judgement.turns, 1, jnp.where(loses_one, -1, 0))
+        return cls(back, touches, beyond.is_tied, change)
 
     def explains(self, turns: Flag, before: Int[Array, ""], after: Int[Array, ""]) -> Flag:
         """Return whether it explains the number of negative eigenvalues after the step."""
@@ -422,30 +448,56 @@ def _account_of(trial: _Trial, events: _Events) -> _Account:
     """Return whether the events in a step explain the Morse index behind it, or modes might.
 
     Modes that have no part in the branch, since they break a symmetry, may change sign as they
-    like: there other branches cross it.
+    like: there other branches cross it. Points that tie, by symmetry, take such modes with them at
+    once.
     """
     problem, step, target, judgement, _ = trial
-    turning = _Turning.at(trial, events.new)
-    index = events.index
-    # Points that tie, by symmetry, take modes with them that break it.
-    is_tied = turning.flips > 1
-    agrees = turning.explains(judgement.turns, step.expected, index) | is_tied
+    turning = _Turning.at(trial, events.beyond)
+    is_tied = turning.is_tied
+    index = jnp.where(is_tied & (events.opened_index < 0), UNKNOWN, events.index).astype(int)
+    before = jnp.where(is_tied & turning.touches, events.opened_index, index)
+    agrees = turning.explains(judgement.turns, step.expected, before)
+    splits = is_tied & ~turning.back & (index >= 0) & (index != events.opened_index)
     if problem.to_limit:
         # A bifurcation is a limit, however long the step.
-        agrees |= (step.index == 0) & (index > 0) & ~judgement.turns
+        agrees |= is_tied | ((step.index == 0) & (index > 0) & ~judgement.turns)
+        splits = is_tied & ~turning.back & (step.index == 0) & (index > 0)
     is_beyond = judgement.turns & problem.is_beyond(events.fold.at)
-    expected = index + (target.is_change & target.opens & turning.back)
-    is_unknown = is_tied | (index >= MOST) | (index < 0)
+    opens = target.is_change & target.opens
+    expected = jnp.where(is_tied & opens, events.opened_index, index + (opens & turning.back))
+    is_unknown = (expected >= MOST) | (index < 0)
+    if problem.to_limit:
+        is_unknown |= is_tied
     kind = KINDS.where(target.opens, KINDS.release, KINDS.touch)
+    kind = KINDS.where(target.is_change, kind, KINDS.fold)
+    onwards = choose(judgement.turns, events.fold.tangent.gap, events.beyond.place.tangent.gap)
     return _Account(
-        is_sound=events.goes_on & events.is_flat & ~is_beyond,
+        is_sound=events.beyond.goes_on & events.is_flat & ~is_beyond,
         agrees=agrees,
         # The farther from a bifurcation, the smaller the part of the mode that does belong to it.
-        is_open=~agrees & (step.length <= _ACROSS * problem.max_step),
+        is_open=~agrees & ~splits & (step.length <= _ACROSS * problem.max_step),
+        index=index,
         expected=jnp.where(is_unknown, UNKNOWN, expected).astype(int),
-        turns=judgement.turns | turning.back,
-        kind=KINDS.where(target.is_change, kind, KINDS.fold),
+        turn=TurnInStep(
+            is_there=judgement.turns | turning.back | splits,
+            at=events.fold.at,
+            kind=KINDS.where(splits, KINDS.bifurcation, kind),
+            mode=jnp.where(splits, _mode_of_tie(trial, events), onwards),
+        ),
     )
+
+
+def _mode_of_tie(trial: _Trial, events: _Events) -> Field:
+    """Return the unstable mode that most moves points apart that change sides together."""
+    flips = events.beyond.place.is_free != trial.reached.is_free
+    modes = events.opened_modes[:-1]
+
+    def apart(mode: Field) -> Scalar:
+        return total(jnp.where(flips, (mode - mean_over(flips, mode)) ** 2, 0))
+
+    parts = jnp.stack([apart(mode) for mode in modes])
+    is_unstable = jnp.arange(len(modes)) < events.opened_index
+    return modes[jnp.argmax(jnp.where(is_unstable, parts, -1))]
 
 
 class _Crossing(eqx.Module):
@@ -486,15 +538,15 @@ def _crossed(trial: _Trial, events: _Events) -> _Crossing:
     problem, step, target, judgement, reached = trial
     curve = problem.curve
     old = step.here
-    turning = _Turning.at(trial, events.new)
+    turning = _Turning.at(trial, events.beyond)
 
     def driven(place: Place) -> DrivenIndex:
         gap = place.at.gap
         tangent = place.tangent.gap
         return driven_index_of(curve.contact, curve.load, gap, place.is_free, tangent)
 
-    is_free = reached.is_free & (~turning.touches | (reached.at.gap > 0))
-    ends = old, replace(reached, is_free=is_free)
+    touched = turning.touches & ~turning.is_tied
+    ends = old, choose(touched, replace(reached, is_free=events.beyond.place.is_free), reached)
     both = jax.lax.map(driven, jax.tree.map(lambda *pair: jnp.stack(pair), *ends))
     before, after = both.index
     agrees = (before >= 0) & (after >= 0) & turning.explains(judgement.turns, before, after)

@@ -87,7 +87,8 @@ def continuation(
     cut: where Newton's method is slow, where tangents turn, gaps or reactions do not stay positive,
     or the number of negative eigenvalues changes otherwise than at these events. So a branch does
     not cross to another one unseen. It goes straight on through a bifurcation, where by symmetry
-    another branch crosses, and records it among its turns. Pairs of turns
+    another branch crosses, and records it among its turns: also where points that are equal by
+    symmetry detach or touch together, and one of them alone would lead elsewhere. Pairs of turns
     closer than `min_step` may be passed over.
 
     Lengths of steps are the rms change of the gap, together with the change of p0 over the

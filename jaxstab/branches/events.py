@@ -69,20 +69,38 @@ def changes_ahead(curve: Curve, place: Place, shortest: Scalar) -> ActiveSetChan
     return ActiveSetChanges(forces.net, rate, distances, first, point, tied)
 
 
-def beyond_change(
-    curve: Curve, place: Place, changes: ActiveSetChanges, opens: Flag
-) -> tuple[Place, Flag]:
-    """Return the place beyond an active-set change, and whether its points change sides there.
+class Beyond(eqx.Module):
+    """A place beyond an active-set change, or one without a change.
+
+    Attributes:
+        place: the place.
+        goes_on: whether the points that change sides do so along its tangent.
+        is_tied: whether several do.
+        opened: positive on the points that are free there, of several before or behind.
+    """
+
+    place: Place
+    goes_on: Flag
+    is_tied: Flag
+    opened: Field
+
+
+def beyond_change(curve: Curve, place: Place, changes: ActiveSetChanges, opens: Flag) -> Beyond:
+    """Return the place beyond an active-set change.
 
     All points whose gap or reaction vanishes there change sides, or the first alone.
     """
 
-    def beyond(with_tied: Flag) -> tuple[Place, Flag]:
+    def beyond(with_tied: Flag) -> Beyond:
         point, flips = _flipped(curve, place, changes, opens, with_tied)
-        new = directed(curve, point, place.tangent)
-        return new, _goes_on(curve, new, flips)
+        return _beyond(curve, directed(curve, point, place.tangent), flips)
 
-    return first_good(beyond, lambda found: found[1], [array(True), array(False)])
+    return first_good(beyond, lambda found: found.goes_on, [array(True), array(False)])
+
+
+def beyond_none(place: Place) -> Beyond:
+    """Return a place on one smooth piece."""
+    return Beyond(place, array(True), array(False), place.at.gap)
 
 
 @program
@@ -105,11 +123,13 @@ def _flipped(
 
 
 @program
-def _goes_on(curve: Curve, new: Place, flips: Mask) -> Flag:
+def _beyond(curve: Curve, new: Place, flips: Mask) -> Beyond:
     rate = curve.net_rate(curve.contact.curvature(new.at.gap), new.tangent)
     # Released points open further along the tangent, others are pressed more.
     goes_on = jnp.where(new.is_free, new.tangent.gap, rate) > 0
-    return jnp.all(goes_on | ~flips)
+    is_tied = jnp.sum(flips) > 1
+    opened = jnp.where(is_tied & (new.is_free | flips), 1, new.at.gap)
+    return Beyond(new, jnp.all(goes_on | ~flips), is_tied, opened)
 
 
 class _SmoothStep(eqx.Module):

@@ -10,7 +10,8 @@ class KINDS(Enumeration):
     release = member("the reaction of a contact point vanishes, and opening lowers the energy")
     touch = member("a free point comes into contact, or separated surfaces do")
     bifurcation = member(
-        "another branch crosses: an eigenvalue vanishes whose mode the load does not drive"
+        "another branch crosses: an eigenvalue whose mode the load does not drive vanishes, or "
+        "changes its sign where equal points detach or touch together"
     )
     load = member("at the second load")
     loop = member("at a state that it has passed before: it is a closed loop")

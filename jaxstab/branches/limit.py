@@ -328,7 +328,8 @@ class _Seen(eqx.Module):
         at: the point of the curve, of a gap that is not negative.
         load: the load there.
         is_free: the points that are free before and after.
-        is_release: whether it is a release; from the far side that is a touch.
+        is_release: whether it is a release, or of several points at once a bifurcation; from the
+            far side that is a touch.
         point: the point that is released, if there is one.
         is_tied: whether others are released with it.
         opened: positive on the points that are free or released.
@@ -399,8 +400,9 @@ def limit_between(
     mode = pair.mode
     along = jnp.abs(total(tangent * mode))
     crosses = ~new.turn.is_there & (along < _ALONG * jnp.sqrt(total(tangent**2) * total(mode**2)))
+    splits = is_release & (new.turn.kind == KINDS.bifurcation)
     kind = KINDS.where(is_release, KINDS.release, KINDS.fold)
-    kind = KINDS.where(crosses, KINDS.bifurcation, kind)
+    kind = KINDS.where(crosses | splits, KINDS.bifurcation, kind)
     kind = KINDS.where(is_event, kind, KINDS.uncertain)
     # Between two states as near as steps can tell, a bifurcation is known by its eigenvalue.
     is_between = jnp.isfinite(search.width) & (kind != KINDS.uncertain)

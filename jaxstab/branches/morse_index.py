@@ -87,23 +87,27 @@ def index_of(
     gap: Field,
     modes: Block,
     *,
+    opened: Field | None = None,
     precise: bool = False,
     counts_all: bool = True,
 ) -> tuple[Int[Array, ""], Block]:
     """Return the number of negative eigenvalues of A on the critical space, and its lowest modes.
 
-    Modes are eigenvectors where they are to be precise. Otherwise they do for the count.
+    The space is that of the free points, or of those where an opened gap is positive. Modes are
+    eigenvectors where they are to be precise. Otherwise they do for the count.
 
     The search starts from the modes of a state nearby; from more of them if all that count
     are negative, or not known. More than `MOST` count as so many; `UNKNOWN` says that the search
     failed. Where not all are to be counted, three may stand for more.
     """
 
+    free = gap if opened is None else opened
+
     def count(modes: Block) -> LowestModes:
         # The last of the modes converges slowly, and only its sign is of use.
         tolerance = ALONG_CURVES[gap.dtype.name]
         solver = CurveDavidson(tolerance, number=len(modes) - 1, signs_only=not precise)
-        return _lowest_modes(contact, load, gap, gap, modes, solver.in_precision(gap.dtype))
+        return _lowest_modes(contact, load, gap, free, modes, solver.in_precision(gap.dtype))
 
     few = count(modes)
     if not counts_all:

@@ -306,6 +306,38 @@ def test_it_records_a_bifurcation_where_a_symmetric_mode_loses_its_stiffness(hig
     assert "bifurcation" in repr(branch)
 
 
+def index_on(contact, gap, free):
+    """Return the number of negative eigenvalues on some points, at a prescribed mean gap."""
+    curvature = jax.vmap(jax.grad(jax.grad(contact.potential)))(gap)
+    hessian = periodic_stiffness(gap.shape, (1.0,), 1.0) + np.diag(curvature)
+    return np.sum(on_zero_mean(hessian[np.ix_(free, free)]) < 0)
+
+
+@pytest.mark.filterwarnings("ignore::jaxstab.ResolutionWarning")
+def test_equal_points_that_detach_or_touch_together_leave_no_change_of_the_index_unlocated():
+    contact = two_summits(16, 0.0, js.potentials.Exponential(0.05, 0.1))
+    there = js.continuation(contact, js.MeanGap(jnp.array([0.13, 0.145])), fields=True)
+    back = js.continuation(contact, js.MeanGap(jnp.array([0.145, 0.13])), initial=there[-1])
+    for branch in (there, back):
+        # Behind the first, where they detach, a symmetric mode gets its stiffness back.
+        assert branch.turns.kind.name.tolist() == 2 * ["bifurcation"] and branch.end == "load"
+        after = np.asarray(branch.turns.state) - np.flatnonzero(np.diff(branch.index))
+        assert set(after) <= {0, 1}
+    turn = jax.tree.map(lambda leaf: leaf[0], there.turns)
+    np.testing.assert_allclose(back.turns.load.value[1], turn.load.value, rtol=1e-9)
+    # Both summits have lost their reactions, and one alone would open by itself.
+    gap = np.asarray(turn.equilibrium.gap)
+    np.testing.assert_allclose(turn.equilibrium.reaction[jnp.array([0, 8])], 0, atol=1e-10)
+    held = gap > 0
+    assert set(np.flatnonzero(~held)) == {0, 8}
+    assert index_on(contact, gap, held) == 0 and index_on(contact, gap, held | ~held) == 1
+    np.testing.assert_allclose(np.roll(turn.mode, 8), -turn.mode, atol=1e-6)
+    assert abs(turn.mode[0]) > 0.1
+    limit = js.critical_load(contact, js.MeanGap(jnp.array([0.13, 0.145])))
+    assert limit.kind == "bifurcation"
+    np.testing.assert_allclose(limit.load.value, turn.load.value, rtol=1e-9)
+
+
 @pytest.mark.filterwarnings("ignore::jaxstab.ResolutionWarning")
 @pytest.mark.parametrize("higher", [0.0, 1e-9])
 def test_of_two_nearly_equal_points_it_releases_the_first_alone(higher):
@@ -316,7 +348,8 @@ def test_of_two_nearly_equal_points_it_releases_the_first_alone(higher):
     touching = np.asarray(branch.equilibrium.gap == 0).sum(axis=1)
     if higher == 0:
         # Equal points are released together, and the branch keeps its symmetry.
-        assert set(touching) == {2, 0} and not len(branch.turns)
+        assert set(touching) == {2, 0}
+        assert branch.turns.kind.name.tolist() == ["bifurcation"]
         return
     assert branch.turns.kind.name[0] == "release"
     # At the event the first has no reaction, but the other still has one.
