@@ -28,6 +28,7 @@ from .contact.resolution import ResolutionWarning, resolved_range
 from .core.grid import Grid
 from .core.history import History
 from .core.results import RESULTS, SolverError
+from .core.rings import Rings
 from .core.units import Dimension
 from .equilibrium import (
     Equilibrium,
@@ -77,6 +78,8 @@ from .loads import (
 )
 from .references.taylor_test import TaylorTest, check_derivative
 from .solids import (
+    Axisymmetric,
+    AxisymmetricHalfSpace,
     CoatedHalfSpace,
     FreeHalfSpace,
     HalfSpace,
@@ -119,6 +122,8 @@ __all__ = [
     "KINDS",
     "RESULTS",
     "VERDICTS",
+    "Axisymmetric",
+    "AxisymmetricHalfSpace",
     "Barrier",
     "BarrierLaw",
     "Branch",
@@ -165,6 +170,7 @@ __all__ = [
     "ProjectedLOBPCG",
     "ProximalIteration",
     "ResolutionWarning",
+    "Rings",
     "SaddleNewton",
     "SealingPressure",
     "Sheet",

@@ -60,7 +60,8 @@ class Condition(eqx.Module):
         """Return the gradient of that."""
         pulled = Hessian(curve.contact.solid, forces.curvature)(self.weights)
         gap = self.row.gap + pulled
-        pressure = self.row.pressure + total(self.weights)
+        pressed = model.pressed(self.weights, curve.contact.solid.punch)
+        pressure = self.row.pressure + total(pressed)
         return Point(gap / self.scale, pressure / self.scale)
 
 

@@ -13,6 +13,7 @@ from jaxstab.branches.gmres import gmres
 from jaxstab.contact import Contact
 from jaxstab.contact.hessian import Hessian
 from jaxstab.contact.residual import from_first, least_scale, rounding_of_waves
+from jaxstab.core import model
 from jaxstab.core.grid import mean, total
 from jaxstab.core.types import Field, Flag, Mask, Scalar
 from jaxstab.loads import Load
@@ -126,8 +127,9 @@ class Curve(eqx.Module):
         displacement = from_first(gap) + from_first(contact.heights)
         elastic = contact.solid.with_uniform_stiffness(0).apply(displacement)
         _, attraction, curvature = derivatives(contact.potential, gap)
-        net = elastic + attraction + at.pressure
-        resisting = jnp.where(is_free, attraction + at.pressure, 0)
+        pressed = model.pressed(at.pressure, contact.solid.punch)
+        net = elastic + attraction + pressed
+        resisting = jnp.where(is_free, attraction + pressed, 0)
         scale = jnp.sqrt(total(elastic**2 + resisting**2) / gap.size)
         rounding = rounding_of_waves(contact.solid.max_stiffness, jnp.sqrt(mean(gap**2)))
         scale = jnp.maximum(jnp.maximum(scale, self.least_scale), rounding)
@@ -135,7 +137,8 @@ class Curve(eqx.Module):
 
     def net_rate(self, curvature: Field, change: Point) -> Field:
         """Return how the net pressure follows a change where f'' is this, A dg + dp0."""
-        return Hessian(self.contact.solid, curvature)(change.gap) + change.pressure
+        pressed = model.pressed(change.pressure, self.contact.solid.punch)
+        return Hessian(self.contact.solid, curvature)(change.gap) + pressed
 
     def scaled(self, change: Point, is_free: Mask, ahead: Point) -> Point:
         """Return a change of the free points along which a linear function grows by one.
@@ -194,10 +197,12 @@ class Curve(eqx.Module):
         norm = jnp.sqrt(row.times(row))
         row = jax.tree.map(lambda part: part / jnp.where(norm > 0, norm, 1), row)
         uniform = inside(jnp.ones_like(row.gap)) / weight
+        pressed = model.pressed(uniform, self.contact.solid.punch)
         # The mean has a stiffness of its own, often negative, that K + c does not know.
-        share = total(uniform**2)
+        share = total(uniform * pressed)
         is_open = share > 0
         share = jnp.where(is_open, share, 1)
+        size_of_uniform = jnp.where(is_open, total(uniform**2), 1)
         stiffness = total(uniform * hessian(uniform)) / (soft * share)
         along = total(row.gap * uniform)
         other = row.pressure * stiffness
@@ -210,14 +215,14 @@ class Curve(eqx.Module):
 
         def bordered(change: Point) -> Point:
             moved = inside(change.gap)
-            pressure = inside(hessian(moved)) / soft + change.pressure * uniform
+            pressure = inside(hessian(moved)) / soft + change.pressure * pressed
             # Points that do not move are left to the identity.
             return Point(pressure + change.gap - moved, row.times(Point(moved, change.pressure)))
 
         def precondition(right: Point) -> Point:
             level = total(uniform * right.gap) / share
-            rest = soft * inside(inverse(inside(right.gap - level * uniform)))
-            rest = rest - total(uniform * rest) / share * uniform
+            rest = soft * inside(inverse(inside(right.gap - level * pressed)))
+            rest = rest - total(uniform * rest) / size_of_uniform * uniform
             residual = right.pressure - total(row.gap * rest) - row.pressure * level
             shift = residual / along
             # In full contact there is the pressure alone.
@@ -275,5 +280,6 @@ def _value_of(contact: Contact, load: Load) -> tuple[Scalar, Point]:
     by_pressure = -jnp.ones_like(by_value)
     if fixes_mean:
         by_pressure = 0 * by_value
-    row = Point(-by_mean / by_value * gap / gap.size, -by_pressure / by_value)
+    weights = model.pressed(gap / gap.size, contact.solid.punch)
+    row = Point(-by_mean / by_value * weights, -by_pressure / by_value)
     return -error(nothing, nothing) / by_value, row

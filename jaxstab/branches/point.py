@@ -48,15 +48,15 @@ class PathPoint(eqx.Module):
 def point_of(contact: Contact, found: Equilibrium, value: Scalar) -> PathPoint:
     """Return an equilibrium as a point of a path without jumps, at the value of the load."""
     load = found.load.at(value)
-    mean_gap = mean(found.gap)
-    held, force = supply_of(contact, load, mean_gap, found.mean_pressure)
+    control = contact.control(load)
+    held, force = supply_of(contact, load, control.mean_gap_of(found.gap), found.mean_pressure)
     stored = found.energy
-    if contact.control(load).stores_energy:
+    if control.stores_energy:
         stored = found.energy + held
     return PathPoint(
         value,
         found.gap,
-        mean_gap,
+        mean(found.gap),
         found.mean_pressure,
         found.contact_area,
         found.energy,

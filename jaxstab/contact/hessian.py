@@ -7,7 +7,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from jaxstab.core import model
-from jaxstab.core.grid import total
+from jaxstab.core.grid import mean, total
 from jaxstab.core.types import Field, FieldMap, Mask, Scalar
 from jaxstab.solids.solid import Solid, apart_from_mean
 
@@ -75,6 +75,8 @@ class Hessian(SymmetricOperator):
         else:
             self.solid = solid.with_uniform_stiffness(stiffness)
             highest = jnp.maximum(stiffest, stiffness)
+            if solid.punch is not None:
+                highest = stiffest + stiffness * mean(solid.punch**2)
         # K is not negative, so |A| <= max(K + D, -D).
         self.bound = jnp.maximum(highest + stiffening, softening)
         # Points of large f'' take no part in lower modes, nor do points that are stiffly held.

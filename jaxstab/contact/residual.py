@@ -41,7 +41,7 @@ class Balance(eqx.Module):
         curvature: f''(g) [pressure/length].
         elastic_energy: u.Ku / 2 (Rey & Bleyer, eq. 15) [energy/area].
         adhesion: sum f(g) [energy/area].
-        mean_gap: the mean of g [length].
+        mean_gap: the mean of g on which the load does its work [length].
         residual: the relative optimality residual.
         has_escaped: whether the load has separated the surfaces for good.
     """
@@ -88,6 +88,9 @@ def balance_of(
         twice_elastic = sums[0]
         adhesion = sums[1]
         level = sums[2] / gap.size
+        mean_gap = level
+        if solid.punch is not None:
+            mean_gap = control.mean_gap_of(gap)
         scale, residual, size = jnp.sqrt(sums[3:] / gap.size)
         scale = jnp.maximum(scale, smallest_scale)
         scale = jnp.maximum(scale, rounding_of_waves(stiffest, size))
@@ -102,7 +105,7 @@ def balance_of(
             curvature=curvature,
             elastic_energy=twice_elastic / 2,
             adhesion=adhesion,
-            mean_gap=level,
+            mean_gap=mean_gap,
             residual=jnp.maximum(residual, mean_imbalance),
             has_escaped=control.has_escaped(gap, escape),
         )

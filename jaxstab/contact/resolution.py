@@ -130,7 +130,6 @@ def _cure(solid: Solid, share: np.floating) -> str:
         if refinement > _MAX_REFINEMENT:
             return "No grid of a size to compute with would do: use a weaker adhesion."
         # Waves that much shorter are the waves of as many points on a cell that much smaller.
-        lengths = grid.lengths / refinement
-        solid = eqx.tree_at(lambda solid: solid.grid.lengths, solid, lengths)
+        solid = eqx.tree_at(lambda solid: solid.grid, solid, grid.shrunk(refinement))
     finer = times(refinement * n for n in grid.shape)
     return f"A grid of {finer} would do, or a weaker or longer-ranged adhesion."

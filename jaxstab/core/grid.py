@@ -1,10 +1,11 @@
-"""Periodic grids in one and two dimensions.
+"""Points of equal area on a surface: periodic grids in one and two dimensions.
 
-Points lie at x_i = i L / n, wave vectors at q = 2 pi k / L. Fields are real, so only the half
-spectrum of `rfftn` is stored. Fields may be sharded over several devices.
+Points of a grid lie at x_i = i L / n, wave vectors at q = 2 pi k / L. Fields are real, so only the
+half spectrum of `rfftn` is stored. Fields may be sharded over several devices.
 """
 
 import math
+from abc import abstractmethod
 from collections.abc import Sequence
 from functools import partial
 from typing import Annotated, Any
@@ -28,16 +29,78 @@ from jaxstab.core.units import LENGTH
 _LEAST_IN_A_PASS = 2 if jax.__version_info__ < (0, 11) else 5
 
 
-def require_grid(grid: object) -> None:
-    """Raise `TypeError` for anything but a grid."""
-    if not isinstance(grid, Grid):
+class Mesh(eqx.Module):
+    """Points of a surface that stand for equal areas: sums over them are integrals.
+
+    Attributes:
+        shape: number of points along each side.
+        lengths: the extent of the surface along each side [length].
+        sharding: how fields are distributed over several devices; None for one.
+    """
+
+    shape: eqx.AbstractVar[tuple[int, ...]]
+    lengths: eqx.AbstractVar[Float[Array, " sides"]]
+    sharding: eqx.AbstractVar[NamedSharding | None]
+
+    @property
+    def size(self) -> int:
+        """Number of points."""
+        return math.prod(self.shape)
+
+    @property
+    @abstractmethod
+    def spacing(self) -> Float[Array, " sides"]:
+        """Distance between neighbouring points along each side [length]."""
+
+    @property
+    @abstractmethod
+    def cell_area(self) -> Scalar:
+        """Area that one point stands for [length^2]; on a line, its length [length]."""
+
+    @property
+    @abstractmethod
+    def area(self) -> Scalar:
+        """Area of all points [length^2]; on a line, its length [length]."""
+
+    @property
+    @abstractmethod
+    def squared_distances(self) -> Field:
+        """Square of the distance of every point from the middle of the surface [length^2]."""
+
+    @abstractmethod
+    def shrunk(self, factor: float) -> "Mesh":
+        """Return as many points on a surface whose sides are shorter by a factor."""
+
+    def device_put(self, field: Shaped[Array | np.ndarray, "..."]) -> Shaped[Array, "..."]:
+        """Put a field, or a stack of fields, on the devices of the surface."""
+        return as_array(field)
+
+    @property
+    def coarser(self) -> "Mesh | None":
+        """The mesh of every other point; None where there is none."""
+        return None
+
+
+def require_mesh(mesh: object) -> None:
+    """Raise `TypeError` for anything but points on a surface."""
+    if not isinstance(mesh, Mesh):
         raise TypeError(
-            f"The grid is a {type(grid).__name__}: give the grid first, as in "
+            f"The grid is a {type(mesh).__name__}: give the grid first, as in "
             "jaxstab.Grid(128), or the `grid` of a topography."
         )
 
 
-class Grid(eqx.Module):
+def require_grid(grid: object) -> None:
+    """Raise `TypeError` for anything but a periodic grid."""
+    require_mesh(grid)
+    if not isinstance(grid, Grid):
+        raise TypeError(
+            f"The grid is {grid!r}, which is not periodic: give a jaxstab.Grid. On rings a solid "
+            "is an AxisymmetricHalfSpace(rings, ...), or Axisymmetric(rings, solid)."
+        )
+
+
+class Grid(Mesh):
     """A periodic grid of points on a line or a rectangle.
 
     Arguments:
@@ -92,11 +155,6 @@ class Grid(eqx.Module):
             self.sharding = fft.checked(sharding, self.shape)
 
     @property
-    def size(self) -> int:
-        """Number of points."""
-        return math.prod(self.shape)
-
-    @property
     @jax.jit
     def spacing(self) -> Float[Array, " sides"]:
         """Distance between neighbouring points along each side [length]."""
@@ -123,6 +181,16 @@ class Grid(eqx.Module):
             for n, dx in zip(self.shape, self.spacing, strict=True)
         ]
         return tuple(map(self.device_put, jnp.meshgrid(*sides, indexing="ij")))
+
+    @property
+    def squared_distances(self) -> Field:
+        """Square of the distance of every point from the middle of the cell [length^2]."""
+        sides = zip(self.coordinates, self.lengths, strict=True)
+        return jnp.sum(jnp.stack([(x - length / 2) ** 2 for x, length in sides]), axis=0)
+
+    def shrunk(self, factor: float) -> "Grid":
+        """Return as many points on a cell whose sides are shorter by a factor."""
+        return eqx.tree_at(lambda grid: grid.lengths, self, self.lengths / factor)
 
     def device_put(self, field: Shaped[Array | np.ndarray, "..."]) -> Shaped[Array, "..."]:
         """Put a field, a stack of fields or a spectrum on the grid's devices."""
@@ -258,8 +326,10 @@ def _change_of_totals(
     return _totals_in_a_pass(*fields), jnp.stack([total(change) for change in changes])
 
 
-def mean(field: Field) -> Scalar:
-    """Return the mean of a field."""
+def mean(field: Field, weights: Field | None = None) -> Scalar:
+    """Return the mean of a field, or of its product with weights."""
+    if weights is not None:
+        field = weights * field
     return total(field) / field.size
 
 

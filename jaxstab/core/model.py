@@ -74,9 +74,20 @@ def imbalance(net: Field, gap: Field) -> Field:
     return jnp.where(gap > 0, net, jnp.minimum(net, 0))
 
 
-def held_mean_pressure(gradient: Field, gap: Field) -> Scalar:
+def pressed(mean_pressure: ArrayLike, punch: Field | None) -> ArrayLike:
+    """Return p0 as a field: uniform, or in proportion to the pressure under a flat punch."""
+    if punch is None:
+        return mean_pressure
+    return mean_pressure * punch
+
+
+def held_mean_pressure(gradient: Field, gap: Field, punch: Field | None = None) -> Scalar:
     """Return p0, the multiplier of the mean gap: (10) in the mean over the free points."""
-    return -mean_over(gap > 0, gradient)
+    mean_pressure = -mean_over(gap > 0, gradient)
+    if punch is None:
+        return mean_pressure
+    share = mean_over(gap > 0, punch)
+    return mean_pressure / jnp.where(share > 0, share, 1)
 
 
 def onto_load(gap: Field, mean_gap: ArrayLike) -> Field:

@@ -194,7 +194,7 @@ def _lift_off_core(contact: Contact, control: Control, gap: Field) -> Field:
 
     def energies_of(gap: Field) -> Float[Array, " energies"]:
         surface = contact.energy(gap) / contact.grid.cell_area
-        return jnp.stack([surface, surface + gap.size * control.energy(jnp.mean(gap))])
+        return jnp.stack([surface, surface + gap.size * control.energy(control.mean_gap_of(gap))])
 
     # That a tension gains by drawing the surfaces apart says nothing of the core.
     is_better = jnp.any(energies_of(gap) <= energies_of(lifted))

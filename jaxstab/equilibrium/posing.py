@@ -13,7 +13,6 @@ from typing import Generic, Protocol, Self, TypeVar
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-import numpy as np
 
 from jaxstab.contact.contact import Contact
 from jaxstab.contact.hessian import Hessian
@@ -23,6 +22,7 @@ from jaxstab.core.compile import program
 from jaxstab.core.grid import mean
 from jaxstab.core.linear_system import LinearSystem
 from jaxstab.core.results import RESULTS, throw_failure
+from jaxstab.core.rings import Rings
 from jaxstab.core.types import Field, Scalar
 from jaxstab.core.warn import warn
 from jaxstab.equilibrium.equilibrium import Equilibrium
@@ -142,7 +142,11 @@ def warn_at_edges(contact: Contact, equilibrium: Equilibrium) -> None:
     if not contact.solid.is_window or equilibrium.result != RESULTS.successful:
         return
     pressures = abs(concrete(equilibrium.pressure))
-    ends = [pressures.take(np.array([0, n - 1]), axis) for axis, n in enumerate(pressures.shape)]
+    first = [0]
+    if isinstance(contact.grid, Rings):
+        # The first ring is the axis.
+        first = []
+    ends = [pressures.take([*first, n - 1], axis) for axis, n in enumerate(pressures.shape)]
     largest = pressures.max()
     at_edges = max(end.max() for end in ends)
     if at_edges > MOST_AT_EDGES * largest:
@@ -156,7 +160,7 @@ def warn_at_edges(contact: Contact, equilibrium: Equilibrium) -> None:
 @program
 def continued(contact: Contact, gap: Field) -> Field:
     """Return a gap whose displacement goes on outside of the window by its mirror images."""
-    if not contact.solid.is_window:
+    if not contact.solid.is_padded:
         return gap
     is_there = where_window(gap)
     displacement = mirrored(gap + contact.solid.surface(contact.heights))
@@ -165,7 +169,7 @@ def continued(contact: Contact, gap: Field) -> Field:
 
 def posed_gap(contact: Contact, load: Load, gap: Field) -> Field:
     """Return a gap of the surface on the grid of solvers, without pressure outside of a window."""
-    if not contact.solid.is_window:
+    if not contact.solid.is_padded:
         return gap
     return _relaxed_outside(*jax.lax.stop_gradient((contact, load, gap)))
 

@@ -132,9 +132,10 @@ def take_step(
     stiffness = finite_or_zero(moved.solid.uniform_stiffness)
     is_held = stiffness > 0
     level = mean(found.pressure) / jnp.where(is_held, stiffness, 1)
-    level = jnp.where(is_held, level - mean(moved.heights - contact.heights), 0)
+    punch = solid.punch
+    level = jnp.where(is_held, level - mean(moved.heights - contact.heights, punch), 0)
     displacement = gap + contact.heights
-    deformation = displacement - mean(displacement) + level
+    deformation = displacement - mean(displacement, punch) + level
     change = deformation - memory.strains[0]
     ratios, times = solid.springs
     x = dt / times
@@ -152,7 +153,7 @@ def take_step(
     stored = total(energy_density(contact.potential, gap)) * contact.grid.cell_area
     stored = stored.astype(gap.dtype) + jnp.sum(ratios * forms) / 2
     # The far side, or the far end of a spring, moves against the pressure.
-    far = mean(gap - memory.gap - change)
+    far = mean(gap - memory.gap - change, punch)
     if isinstance(load, Spring):
         compliance = 1 / load.stiffness.astype(gap.dtype)
         far -= compliance * (pressure - before.mean_pressure)
@@ -183,7 +184,9 @@ def take_step(
     )
 
     def potential(gap: Field) -> Scalar:
-        return moved.energy(gap) + moved.grid.area.astype(gap.dtype) * control.energy(mean(gap))
+        return moved.energy(gap) + moved.grid.area.astype(gap.dtype) * control.energy(
+            control.mean_gap_of(gap)
+        )
 
     def fall() -> Scalar:
         # At one load, in one step.

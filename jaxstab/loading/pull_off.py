@@ -15,6 +15,7 @@ from jaxstab.contact.resolution import FOR_JUMPS, warned_once
 from jaxstab.core.accuracy import EQUILIBRIUM
 from jaxstab.core.checks import scalar_parameter
 from jaxstab.core.compile import in_pieces, own_conventions, program
+from jaxstab.core.grid import mean
 from jaxstab.core.progress import progress_bar
 from jaxstab.core.results import RESULTS
 from jaxstab.core.types import ArrayLike, Field, Scalar
@@ -147,7 +148,7 @@ def _retraction(
     The stiffness of the machine is given in the unit of the user, all else in this unit.
     """
     machine = machine.in_units_of(unit)
-    mean_displacement = jnp.mean(gap) + jnp.mean(contact.heights) + contact.datum
+    mean_displacement = mean(gap + contact.heights, contact.solid.punch) + contact.datum
     deepest = _BEYOND * contact.profile.max_attraction
     reach = contact.profile.outermost_gap(HARDLY_ANY * deepest)
     surface = contact.solid.surface(contact.heights)

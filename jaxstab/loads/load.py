@@ -11,6 +11,7 @@ from jaxtyping import Array, Float
 from jaxstab.core.accuracy import rounding_of_fields
 from jaxstab.core.checks import cast, concrete, in_words, parameter, require
 from jaxstab.core.display import inline
+from jaxstab.core.grid import mean
 from jaxstab.core.stack import Stackable
 from jaxstab.core.types import ArrayLike, Field, FieldMap, Flag, Mask, Scalar
 from jaxstab.core.units import Dimensioned, dimensions
@@ -28,6 +29,10 @@ class Control(eqx.Module):
 
     fixes_mean: ClassVar[bool]
     stores_energy: ClassVar[bool] = True
+
+    def mean_gap_of(self, gap: Field) -> Scalar:
+        """Return the mean of a gap on which p0 does its work [length]."""
+        return mean(gap)
 
     @property
     @abstractmethod

@@ -7,6 +7,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from jaxstab.core import model
 from jaxstab.core.grid import mean
 from jaxstab.core.types import Field, Flag, Mask, Scalar
 from jaxstab.core.units import PRESSURE
@@ -16,9 +17,19 @@ from jaxstab.solids.solid import Solid
 
 
 class PressingControl(Control):
-    """A mean pressure p0 presses, which may depend on the mean gap."""
+    """A mean pressure p0 presses, which may depend on the mean gap.
+
+    Attributes:
+        punch: the pressures of p0 over p0, and the weights of the mean gap; None where uniform.
+    """
 
     fixes_mean: ClassVar[bool] = False
+
+    punch: eqx.AbstractVar[Field | None]
+
+    def mean_gap_of(self, gap: Field) -> Scalar:
+        """Return the mean of the gap with the weights of the load [length]."""
+        return mean(gap, self.punch)
 
     @abstractmethod
     def pressure(self, gap: Field) -> Scalar:
@@ -38,18 +49,19 @@ class PressingControl(Control):
 
     def net_pressure(self, gradient: Field, gap: Field) -> Field:
         """Return the gradient plus p0."""
-        return gradient + self.pressure(gap)
+        return gradient + model.pressed(self.pressure(gap), self.punch)
 
     def resisting(self, attraction: Field, gap: Field) -> Field:
         """Return f' + p0 on the free points: a tension p0 balances a part of the attraction."""
-        return jnp.where(gap > 0, attraction + self.pressure(gap), 0)
+        pressed = model.pressed(self.pressure(gap), self.punch)
+        return jnp.where(gap > 0, attraction + pressed, 0)
 
     def mean_imbalance(self, imbalance: Field, attraction: Field, gap: Field) -> Scalar:
         """Return the mean imbalance over p0 and the attraction."""
         balancing = jnp.abs(self.pressure(gap)) + mean(jnp.abs(attraction))
         if self.stiffness is not None:
             # A relaxed spring is balanced to a part of its length.
-            balancing = balancing + self.stiffness * mean(gap)
+            balancing = balancing + self.stiffness * self.mean_gap_of(gap)
         left = jnp.abs(mean(imbalance))
         return jnp.where(balancing > 0, left / jnp.where(balancing > 0, balancing, 1), 0)
 
@@ -64,6 +76,7 @@ class PressureControl(PressingControl):
     stores_energy: ClassVar[bool] = False
 
     mean_pressure: Scalar
+    punch: Field | None
 
     @property
     def stiffness(self) -> None:
@@ -111,4 +124,5 @@ class MeanPressure(Load):
 
     def control(self, solid: Solid, heights: Field) -> PressureControl:
         """Hold the mean pressure at the value."""
-        return PressureControl(solid.area_fraction * self.value.astype(heights.dtype))
+        mean_pressure = solid.area_fraction * self.value.astype(heights.dtype)
+        return PressureControl(mean_pressure=mean_pressure, punch=solid.punch)

@@ -45,6 +45,7 @@ class SpringControl(PressingControl):
     relaxed_gap: Scalar
     constant: Scalar
     softest: Scalar
+    punch: Field | None
 
     @property
     def is_stiff(self) -> Flag:
@@ -64,23 +65,23 @@ class SpringControl(PressingControl):
 
     def pressure(self, gap: Field) -> Scalar:
         """Return k (mean(g) - g0)."""
-        return self.constant * (mean(gap) - self.relaxed_gap)
+        return self.constant * (self.mean_gap_of(gap) - self.relaxed_gap)
 
     def net_pressure(self, gradient: Field, gap: Field) -> Field:
         """Return the gradient plus p0, less the imbalance that rounding of the gap explains."""
         pressure = self.pressure(gap)
-        lengths = jnp.abs(self.relaxed_gap) + mean(gap)
+        lengths = jnp.abs(self.relaxed_gap) + self.mean_gap_of(gap)
         # A mean is rounded by some four units. If more were left to it, states along a path would
         # be out of balance by as much, and its steps be halved in float32.
         rounding = 4 * float(jnp.finfo(gap.dtype).eps) * self.constant * lengths
-        imbalance = pressure - model.held_mean_pressure(gradient, gap)
+        imbalance = pressure - model.held_mean_pressure(gradient, gap, self.punch)
         open_part = jax.lax.stop_gradient(jnp.clip(imbalance, -rounding, rounding))
-        return gradient + (pressure - open_part)
+        return gradient + model.pressed(pressure - open_part, self.punch)
 
     def starting_gap(self, heights: Field) -> Field:
         """Return the start under a held mean gap for a stiff spring, else under a held pressure."""
         mean_gap = jnp.where(self.is_stiff, jnp.maximum(self.relaxed_gap, 0), 0)
-        return mean_gap + jnp.mean(heights) - heights
+        return mean_gap + mean(heights, self.punch) - heights
 
     def separated_gap(self, heights: Field, profile: Profile) -> Field:
         """Return the gap of the relaxed spring if a separated state exists, else `starting_gap`.
@@ -89,7 +90,7 @@ class SpringControl(PressingControl):
         law: a uniform move of the surface then meets an equilibrium before.
         """
         start = self.starting_gap(heights)
-        apart = jnp.maximum(self.relaxed_gap, 0) + jnp.mean(heights) - heights
+        apart = jnp.maximum(self.relaxed_gap, 0) + mean(heights, self.punch) - heights
         half = jnp.min(apart) / 2
         attraction = jnp.max(jnp.where(profile.gaps >= half, profile.slopes, 0))
         return jnp.where((half > 0) & (attraction < self.constant * half), apart, start)
@@ -236,8 +237,14 @@ def _warn_if_soft(stiffnesses: Array, solid: Solid) -> None:
 
 
 def _spring(position: Scalar, stiffness: Scalar, solid: Solid, heights: Field) -> SpringControl:
-    relaxed_gap = position.astype(heights.dtype) - jnp.mean(heights)
-    return SpringControl(relaxed_gap, stiffness, solid.min_stiffness)
+    punch = solid.punch
+    relaxed_gap = position.astype(heights.dtype) - mean(heights, punch)
+    return SpringControl(
+        relaxed_gap=relaxed_gap,
+        constant=stiffness,
+        softest=solid.min_stiffness,
+        punch=punch,
+    )
 
 
 def _alike(positions: Array, stiffnesses: Array) -> list[Array]:

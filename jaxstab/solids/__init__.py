@@ -1,5 +1,6 @@
 """Elastic solids: their interface, and one file per kind."""
 
+from jaxstab.solids.axisymmetric import Axisymmetric, AxisymmetricHalfSpace, AxisymmetricSolid
 from jaxstab.solids.free_half_space import FreeHalfSpace
 from jaxstab.solids.half_space import HalfSpace
 from jaxstab.solids.layers import CoatedHalfSpace, Layer
@@ -18,6 +19,9 @@ from jaxstab.solids.viscoelastic import Viscoelastic
 __all__ = [
     "Altered",
     "Arrhenius",
+    "Axisymmetric",
+    "AxisymmetricHalfSpace",
+    "AxisymmetricSolid",
     "CoatedHalfSpace",
     "FreeHalfSpace",
     "HalfSpace",

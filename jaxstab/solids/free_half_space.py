@@ -26,6 +26,7 @@ class Padded(Waves):
     """A solid on a grid of twice the points a side, whose first half is the window."""
 
     is_window: ClassVar[bool] = True
+    is_padded: ClassVar[bool] = True
 
     @property
     def window(self) -> tuple[int, ...]:

@@ -1,11 +1,12 @@
 """The interface of elastic solids: an operator K from displacement to pressure.
 
 A uniform displacement takes no pressure if the far side moves along, as for a half space (Rey &
-Bleyer, eq. 12). The load holds the far side and sets this `uniform_stiffness`.
+Bleyer, eq. 12). The load holds the far side and sets this `uniform_stiffness`. Its pressure is
+uniform, or that under a flat punch.
 """
 
 from abc import abstractmethod
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -14,7 +15,7 @@ from jaxtyping import Array
 from jaxstab.core import model
 from jaxstab.core.compile import own_conventions
 from jaxstab.core.display import inline
-from jaxstab.core.grid import Grid, mean, mean_over, require_grid
+from jaxstab.core.grid import Mesh, mean, mean_over, require_mesh
 from jaxstab.core.types import ArrayLike, Field, FieldMap, Flag, Mask, Scalar
 
 
@@ -22,7 +23,8 @@ class Solid(eqx.Module):
     """An elastic solid: a symmetric positive operator K on the displacement of its surface.
 
     A subclass gives the attributes, `apply` and `precondition`; it may override the other methods
-    by faster ones. A uniform displacement must take a uniform pressure.
+    by faster ones. A uniform displacement must take a uniform pressure, or one in proportion to
+    `punch`.
 
     Attributes:
         grid: the grid of its surface.
@@ -31,17 +33,29 @@ class Solid(eqx.Module):
         min_stiffness: about the smallest one there [pressure/length].
     """
 
-    grid: eqx.AbstractVar[Grid]
+    # A `Grid` or `Rings`: a type checker takes no narrower attribute in a subclass.
+    grid: eqx.AbstractVar[Any]
     max_stiffness: eqx.AbstractVar[Scalar]
     min_stiffness: eqx.AbstractVar[Scalar]
 
     # A window's solid extends beyond the grid, and no load holds its mean displacement.
     is_window: ClassVar[bool] = False
+    # Whether the grid has points beyond the surface.
+    is_padded: ClassVar[bool] = False
+
+    @property
+    def punch(self) -> Field | None:
+        """The pressure of a uniform displacement over its mean; None where it is uniform.
+
+        A load acts by such pressures, and its work is on the mean of the displacement with these
+        weights: elsewhere K takes no uniform displacement, and its pressures have no mean.
+        """
+        return None
 
     __repr__ = inline
 
     def __check_init__(self) -> None:
-        require_grid(self.grid)
+        require_mesh(self.grid)
 
     @property
     def padded(self) -> "Solid":
@@ -151,7 +165,7 @@ def apart_from_mean(
 class Altered(Solid):
     """A multiple of a solid's stiffness, with a uniform stiffness of its own."""
 
-    grid: Grid
+    grid: Mesh
     max_stiffness: Scalar
     min_stiffness: Scalar
     solid: Solid

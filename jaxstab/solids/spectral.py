@@ -5,6 +5,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import Self
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
@@ -93,6 +94,11 @@ class Waves(Solid):
 
 class SpectralSolid(Solid):
     """A translation-invariant solid, by its stiffness for every wavenumber."""
+
+    grid: eqx.AbstractVar[Grid]
+
+    def __check_init__(self) -> None:
+        require_grid(self.grid)
 
     @abstractmethod
     def stiffness_at(self, wavenumbers: Float[Array, " *modes"]) -> Float[Array, " *modes"]:

@@ -1,6 +1,7 @@
 """Single asperities, their summit in the middle of the cell: spheres, cones, punches and tips.
 
-On a line they are the profiles of cylinders, wedges and so on.
+On rings they are functions of the radius. On a line they are the profiles of cylinders, wedges and
+so on.
 """
 
 import jax.numpy as jnp
@@ -17,12 +18,12 @@ from jaxstab.core.checks import (
     where_known,
 )
 from jaxstab.core.compile import program
-from jaxstab.core.grid import Grid, require_grid
+from jaxstab.core.grid import Mesh, require_mesh
 from jaxstab.core.types import ArrayLike, Field, Scalar
 from jaxstab.surfaces import faults
 
 
-def paraboloid(grid: Grid, radius: ArrayLike) -> Field:
+def paraboloid(grid: Mesh, radius: ArrayLike) -> Field:
     """Return h = -r^2 / (2 R), its summit in the middle of the cell (Rey & Bleyer, eq. 40).
 
     It is zero at the summit [length].
@@ -34,16 +35,16 @@ def paraboloid(grid: Grid, radius: ArrayLike) -> Field:
     Raises:
         ValueError: if the radius is not positive.
     """
-    require_grid(grid)
+    require_mesh(grid)
     return _paraboloid(grid, positive_scalar(radius, "The radius"))
 
 
 @program
-def _paraboloid(grid: Grid, radius: Scalar) -> Field:
-    return -_squared_distance(grid) / (2 * radius)
+def _paraboloid(grid: Mesh, radius: Scalar) -> Field:
+    return -grid.squared_distances / (2 * radius)
 
 
-def sphere(grid: Grid, radius: ArrayLike) -> Field:
+def sphere(grid: Mesh, radius: ArrayLike) -> Field:
     """Return h = sqrt(R^2 - r^2) - R up to r = R, and beyond it flat at -R.
 
     It is zero at the summit [length].
@@ -55,20 +56,20 @@ def sphere(grid: Grid, radius: ArrayLike) -> Field:
     Raises:
         ValueError: if the radius is not positive.
     """
-    require_grid(grid)
+    require_mesh(grid)
     return _sphere(grid, positive_scalar(radius, "The radius"))
 
 
 @program
-def _sphere(grid: Grid, radius: Scalar) -> Field:
-    share = _squared_distance(grid) / radius**2
+def _sphere(grid: Mesh, radius: Scalar) -> Field:
+    share = grid.squared_distances / radius**2
     is_inside = share < 1
     # As R - sqrt(R^2 - r^2) it would lose digits near the summit.
     depth = radius * share / (1 + jnp.sqrt(1 - jnp.where(is_inside, share, 0)))
     return -jnp.where(is_inside, depth, radius)
 
 
-def cone(grid: Grid, slope: ArrayLike) -> Field:
+def cone(grid: Mesh, slope: ArrayLike) -> Field:
     """Return h = -s r.
 
     It is zero at the apex [length].
@@ -80,16 +81,16 @@ def cone(grid: Grid, slope: ArrayLike) -> Field:
     Raises:
         ValueError: if the slope is not positive.
     """
-    require_grid(grid)
+    require_mesh(grid)
     return _cone(grid, positive_scalar(slope, "The slope"))
 
 
 @program
-def _cone(grid: Grid, slope: Scalar) -> Field:
+def _cone(grid: Mesh, slope: Scalar) -> Field:
     return -slope * _distance(grid)
 
 
-def flat_punch(grid: Grid, radius: ArrayLike, rim_radius: ArrayLike) -> Field:
+def flat_punch(grid: Mesh, radius: ArrayLike, rim_radius: ArrayLike) -> Field:
     """Return a flat of radius a with a rounded rim: h = 0, beyond it -(r - a)^2 / (2 R).
 
     It is zero on the flat [length].
@@ -102,18 +103,18 @@ def flat_punch(grid: Grid, radius: ArrayLike, rim_radius: ArrayLike) -> Field:
     Raises:
         ValueError: if a radius is not positive.
     """
-    require_grid(grid)
+    require_mesh(grid)
     radius = positive_scalar(radius, "The radius")
     return _flat_punch(grid, radius, positive_scalar(rim_radius, "The radius of the rim"))
 
 
 @program
-def _flat_punch(grid: Grid, radius: Scalar, rim_radius: Scalar) -> Field:
+def _flat_punch(grid: Mesh, radius: Scalar, rim_radius: Scalar) -> Field:
     return -(jnp.maximum(_distance(grid) - radius, 0) ** 2) / (2 * rim_radius)
 
 
 def wavy_sphere(
-    grid: Grid, radius: ArrayLike, amplitude: ArrayLike, wavelength: ArrayLike
+    grid: Mesh, radius: ArrayLike, amplitude: ArrayLike, wavelength: ArrayLike
 ) -> Field:
     """Return h = -r^2 / (2 R) - A (1 - cos(2 pi r / l)), a sphere with concentric waves (Guduru).
 
@@ -130,7 +131,7 @@ def wavy_sphere(
     Raises:
         ValueError: if radius or wavelength are not positive, or the amplitude not finite.
     """
-    require_grid(grid)
+    require_mesh(grid)
     amplitude = scalar_parameter(amplitude, "The amplitude")
     require("The amplitude", amplitude, abs(concrete(amplitude)) < np.inf, "it must be finite.")
     radius = positive_scalar(radius, "The radius")
@@ -138,12 +139,12 @@ def wavy_sphere(
 
 
 @program
-def _wavy_sphere(grid: Grid, radius: Scalar, amplitude: Scalar, wavelength: Scalar) -> Field:
+def _wavy_sphere(grid: Mesh, radius: Scalar, amplitude: Scalar, wavelength: Scalar) -> Field:
     waves = 1 - jnp.cos(2 * jnp.pi * _distance(grid) / wavelength)
     return _paraboloid(grid, radius) - amplitude * waves
 
 
-def tip(grid: Grid, profile_radii: ArrayLike, profile_heights: ArrayLike) -> Field:
+def tip(grid: Mesh, profile_radii: ArrayLike, profile_heights: ArrayLike) -> Field:
     """Return an axisymmetric tip of a measured profile, by monotone cubic interpolation.
 
     F. N. Fritsch and J. Butland, SIAM J. Sci. Stat. Comput. 5, 300 (1984); the slope at r = 0 is
@@ -164,7 +165,7 @@ def tip(grid: Grid, profile_radii: ArrayLike, profile_heights: ArrayLike) -> Fie
     Warns:
         SurfaceWarning: for a profile that is highest at its end, as depths below the summit are.
     """
-    require_grid(grid)
+    require_mesh(grid)
     radii = parameter(profile_radii, "The array of radii")
     heights = parameter(profile_heights, "The array of heights")
     if radii.ndim != 1 or radii.size < 2 or radii.shape != heights.shape:
@@ -196,7 +197,7 @@ def _warn_of_depths(radii: np.ndarray, heights: Float[Array, " n"]) -> None:
 
 
 @program
-def _tip(grid: Grid, radii: Float[Array, " n"], heights: Float[Array, " n"]) -> Field:
+def _tip(grid: Mesh, radii: Float[Array, " n"], heights: Float[Array, " n"]) -> Field:
     widths = jnp.diff(radii)
     secants = jnp.diff(heights) / jnp.diff(radii)
     before = secants[:-1]
@@ -218,12 +219,7 @@ def _tip(grid: Grid, radii: Float[Array, " n"], heights: Float[Array, " n"]) -> 
     return level + widths[i] * t * (1 - t) * bend
 
 
-def _squared_distance(grid: Grid) -> Field:
-    sides = zip(grid.coordinates, grid.lengths, strict=True)
-    return jnp.sum(jnp.stack([(x - length / 2) ** 2 for x, length in sides]), axis=0)
-
-
-def _distance(grid: Grid) -> Field:
+def _distance(grid: Mesh) -> Field:
     """Return the distance from the middle, with zero derivatives by the lengths there."""
-    squared = _squared_distance(grid)
+    squared = grid.squared_distances
     return jnp.where(squared > 0, jnp.sqrt(jnp.where(squared > 0, squared, 1)), 0)

@@ -70,7 +70,7 @@ class Landscape:
 
     def energy(self, gap: Field) -> Scalar:
         """Return the energy of a gap and of the load [energy]."""
-        mean_gap = total(gap) / gap.size
+        mean_gap = self.control.mean_gap_of(gap)
         return self.contact.energy(gap) + self.contact.grid.area * self.control.energy(mean_gap)
 
     def string(self, images: Images, moved: Scalar | float = 1.0) -> String:
