@@ -8,7 +8,7 @@ import math
 from abc import abstractmethod
 from collections.abc import Sequence
 from functools import partial
-from typing import Annotated, Any
+from typing import Annotated, Any, ClassVar
 
 import equinox as eqx
 import jax
@@ -33,11 +33,13 @@ class Mesh(eqx.Module):
     """Points of a surface that stand for equal areas: sums over them are integrals.
 
     Attributes:
+        sides: the names of the sides.
         shape: number of points along each side.
         lengths: the extent of the surface along each side [length].
         sharding: how fields are distributed over several devices; None for one.
     """
 
+    sides: ClassVar[tuple[str, ...]]
     shape: eqx.AbstractVar[tuple[int, ...]]
     lengths: eqx.AbstractVar[Float[Array, " sides"]]
     sharding: eqx.AbstractVar[NamedSharding | None]
@@ -61,6 +63,11 @@ class Mesh(eqx.Module):
     @abstractmethod
     def area(self) -> Scalar:
         """Area of all points [length^2]; on a line, its length [length]."""
+
+    @property
+    @abstractmethod
+    def coordinates(self) -> tuple[Field, ...]:
+        """Coordinates of every point [length], one array for each side."""
 
     @property
     @abstractmethod
@@ -117,6 +124,8 @@ class Grid(Mesh):
             not divide.
         TypeError: for a number of points that is not an integer, or another kind of sharding.
     """
+
+    sides: ClassVar[tuple[str, ...]] = ("x", "y")
 
     shape: tuple[int, ...] = eqx.field(static=True)
     lengths: Annotated[Float[Array, " sides"], LENGTH]

@@ -1,6 +1,8 @@
 """Rings of equal area on a disc: the points of an axisymmetric contact."""
 
-from typing import Annotated
+import math
+from collections.abc import Callable
+from typing import Annotated, ClassVar
 
 import equinox as eqx
 import jax
@@ -9,11 +11,30 @@ import numpy as np
 from jax.sharding import NamedSharding
 from jaxtyping import Array, Float
 
-from jaxstab.core.checks import integer, positive_scalar
+from jaxstab.core.checks import integer, parameter, positive_scalar, require, require_positive
 from jaxstab.core.display import inline
 from jaxstab.core.grid import Mesh
 from jaxstab.core.types import ArrayLike, Field, Scalar
 from jaxstab.core.units import LENGTH
+
+# Contact radii that are tried: tips of all sizes, in any unit of length, in steps of 4 %.
+_CONTACT_RADII = np.geomspace(1e-15, 1e6, 1200)
+# Points of the integral over the contact, whose error is then below 1e-4.
+_NUM_ANGLES = 100
+# The radius of the disc over the largest contact radius, and the depth of a tip, in ranges of the
+# law, beyond which there is hardly any attraction.
+_BEYOND = 1.5
+_RANGES = 8
+# The stiffness of two rings that move against each other, times their width over E*, and how much
+# stiffer than the law they are to be, as jumps need.
+_STIFFNESS = 1.8
+_STIFFER = 4
+# The force of a contact without adhesion is exact to 1e-4 on so many rings, of which so many lie
+# within the smallest contact.
+_LEAST_RINGS = 200
+_IN_CONTACT = 30
+# A dense matrix of this size takes 128 MB.
+_MOST_RINGS = 4000
 
 
 class Rings(Mesh):
@@ -33,6 +54,8 @@ class Rings(Mesh):
         TypeError: for a number of rings that is not an integer.
     """
 
+    sides: ClassVar[tuple[str, ...]] = ("r",)
+
     num_points: int = eqx.field(static=True)
     radius: Annotated[Scalar, LENGTH]
 
@@ -45,6 +68,77 @@ class Rings(Mesh):
         if self.num_points < 2:
             raise ValueError(f"The number of rings is {self.num_points}: give 2 or more.")
         self.radius = positive_scalar(radius, "The radius of the disc")
+
+    @classmethod
+    def for_contact(
+        cls,
+        profile: Callable[[np.ndarray], ArrayLike],
+        contact_modulus: float,
+        *,
+        force: float,
+        work_of_adhesion: float = 0.0,
+        length: float = 0.0,
+    ) -> "Rings":
+        """Return a disc and a number of rings that resolve a tip's contact up to a force.
+
+        The contact radius a at the force is that of Sneddon's solution (I. N. Sneddon, Int. J.
+        Eng. Sci. 3, 47 (1965)) with the adhesion of JKR (D. Maugis and M. Barquins, J. Phys. D:
+        Appl. Phys. 11, 1989 (1978)),
+
+            F = 2 E* int_0^a r^2 (-h'(r)) / sqrt(a^2 - r^2) dr - sqrt(8 pi w E* a^3).
+
+        The disc is half as large again, and larger if the tip is within eight ranges of the law
+        there. At the edge of the contact the shortest wave is four times as stiff as the law.
+
+        Arguments:
+            profile: h(r), the height of the tip at an array of radii [length].
+            contact_modulus: E* = E / (1 - nu^2) of the solid [pressure].
+            force: the largest compressive force, not negative [force].
+            work_of_adhesion: w [energy/area].
+            length: the range of the law, whose largest |f''| is w / length^2 [length]; not needed
+                without adhesion.
+
+        Raises:
+            ValueError: for a modulus that is not positive, a negative force or work, adhesion
+                without a range, neither force nor adhesion, a tip that no contact radius brings to
+                the force, and a range that takes more than 4,000 rings; the message has the range
+                that they resolve.
+        """
+        require_positive("The contact modulus", parameter(contact_modulus))
+        for name, value in (("The force", force), ("The work of adhesion", work_of_adhesion)):
+            require(name, value, 0 <= value < np.inf, "it must be finite and not negative.")
+        if work_of_adhesion > 0:
+            require_positive("The range of the law", parameter(length))
+        a = _CONTACT_RADII
+        forces = contact_modulus * _force_without_adhesion(profile, a)
+        forces -= np.sqrt(8 * np.pi * work_of_adhesion * contact_modulus * a**3)
+        largest = int(np.argmax(forces > force))
+        if largest == 0:
+            raise ValueError(
+                f"The force is {force}, the work of adhesion {work_of_adhesion}: no contact radius "
+                "of this tip balances them. Give a positive force or work, and a tip that falls "
+                "away from its summit at r = 0."
+            )
+        contact = a[largest]
+        # Pull-off happens at the least force.
+        smallest = a[np.argmin(forces[: largest + 1])] if work_of_adhesion > 0 else contact
+        radius = _BEYOND * contact
+        number = max(_LEAST_RINGS, _IN_CONTACT * (radius / smallest) ** 2)
+        if work_of_adhesion > 0:
+            depths = profile(contact) - np.asarray(profile(a))
+            is_beyond = (a > radius) & (depths >= _RANGES * length)
+            is_near = profile(contact) - np.asarray(profile(radius)) < _RANGES * length
+            if is_near and is_beyond.any():
+                radius = a[np.argmax(is_beyond)]
+            sharpest = work_of_adhesion / length**2
+            width = _STIFFNESS * contact_modulus / (_STIFFER * sharpest)
+            number = max(number, radius**2 / (2 * width * smallest))
+        if number > _MOST_RINGS:
+            raise ValueError(
+                f"The range of the law is {length}: that takes {number:.0f} rings. A range of "
+                f"{length * (number / _MOST_RINGS) ** 0.5:.3g} takes {_MOST_RINGS}."
+            )
+        return cls(math.ceil(number), radius)
 
     @property
     def shape(self) -> tuple[int]:  # pyright: ignore[reportIncompatibleVariableOverride]
@@ -98,3 +192,16 @@ class Rings(Mesh):
     def radii(self) -> Field:
         """Root of the mean of r^2 over each ring [length]."""
         return jnp.sqrt(self.squared_distances)
+
+    @property
+    def coordinates(self) -> tuple[Field]:
+        """The radii, in a tuple [length]."""
+        return (self.radii,)
+
+
+def _force_without_adhesion(profile: Callable, a: np.ndarray) -> np.ndarray:
+    """Return the force over E* at contact radii, by Sneddon's integral over r = a sin(phi)."""
+    angles = np.pi / 2 * np.arange(2 * _NUM_ANGLES + 1) / (2 * _NUM_ANGLES)
+    edges = a[:, None] * np.sin(angles[::2])
+    falls = -np.diff(np.asarray(profile(edges), float), axis=1)
+    return 2 * a * np.sum(np.sin(angles[1::2]) ** 2 / np.cos(angles[1::2]) * falls, axis=1)

@@ -153,7 +153,7 @@ def to_dataset(contact: Contact, result: Result, *, fields: bool = True) -> xarr
     axes = _axes(contact, result, states)
     require_known((contact, result), "to_dataset")
     _require_own(contact, states)
-    recorder = Recorder(contact.grid.shape)
+    recorder = Recorder(contact.grid)
     structure: Structure = {
         "contact": recorder.structure(contact, ("contact",)),
         "result": recorder.structure(alone, (), *axes),
@@ -162,7 +162,7 @@ def to_dataset(contact: Contact, result: Result, *, fields: bool = True) -> xarr
     if not fields:
         # Without the fields of a result it cannot be built again.
         structure = None
-        long = {"x", "y", "record"}
+        long = {*contact.grid.sides, "record"}
         records = {name: x for name, x in records.items() if not long & set(x.dims)}
     dataset = xarray.Dataset(
         {name: _variable(record, contact, load) for name, record in records.items()},
@@ -261,10 +261,9 @@ def _coordinates(
     grid = contact.grid
     unit = unit_symbol(contact.units, LENGTH)
     coordinates: dict[str, object] = {}
-    for axis, (name, n) in enumerate(zip(("x", "y"), grid.shape, strict=False)):
+    for axis, (name, places) in enumerate(zip(grid.sides, grid.coordinates, strict=False)):
         if name in dataset.dims:
-            spacing = np.asarray(grid.spacing)[axis]
-            places = np.arange(n, dtype=spacing.dtype) * spacing
+            places = np.moveaxis(np.asarray(places), axis, -1).reshape(-1, grid.shape[axis])[0]
             coordinates[name] = (name, places, {"long_name": name, "units": unit})
     for name, columns in indicators.items():
         if name in dataset:

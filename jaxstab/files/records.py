@@ -17,6 +17,7 @@ from jaxtyping import Array, PyTree
 
 from jaxstab.core.closures import BareFunction
 from jaxstab.core.enumeration import Enumeration
+from jaxstab.core.grid import Mesh
 from jaxstab.core.history import History
 from jaxstab.core.units import Units, declared
 
@@ -69,8 +70,8 @@ class NamedArray:
 class Recorder:
     """The arrays of pytrees by name, `records`, and the columns of histories, `indicators`."""
 
-    def __init__(self, grid_shape: tuple[int, ...]):
-        self.grid_shape = grid_shape
+    def __init__(self, grid: Mesh):
+        self.grid = grid
         self.records: dict[str, NamedArray] = {}
         self.indicators: dict[str, list[str]] = {}
 
@@ -156,10 +157,10 @@ class Recorder:
     ) -> tuple[str, ...]:
         if path[-2:] == ("history", "table"):
             return ("record", f"{name}_indicator")
-        sides = len(self.grid_shape)
-        if shape[-sides:] == self.grid_shape:
+        sides = len(self.grid.shape)
+        if shape[-sides:] == self.grid.shape:
             own = tuple(f"{name}_{i}" for i in range(len(shape) - sides))
-            return (*own, *("x", "y")[:sides])
+            return (*own, *self.grid.sides[:sides])
         if path[-2:] == ("grid", "lengths") and len(shape) == 1:
             return ("side",)
         return tuple(f"{name}_{i}" for i in range(len(shape)))

@@ -98,6 +98,6 @@ class MeanGap(Load):
 def _refuse_window(load: str, solid: Solid) -> None:
     if solid.is_window:
         raise ValueError(
-            f"{load} cannot be held on a {type(solid).__name__}, whose surface ends: the load does "
-            "not hold the solid outside. Prescribe a FarDisplacement, a MeanPressure or a Spring."
+            f"{load} cannot be held on the window of a FreeHalfSpace or on rings, which does not "
+            "hold the solid outside: prescribe a FarDisplacement, a MeanPressure or a Spring."
         )

@@ -122,7 +122,7 @@ def _profile(axes: Axes, contact: Contact, gaps: np.ndarray) -> Callable[[np.nda
     (touching,) = axes.plot(x, np.zeros_like(x), color=grey(axes, 1), linewidth=4)
     most = gaps.max() or 1
     axes.set_ylim(-0.02 * most, 1.05 * most)
-    label_axes(axes, "x [length]", "gap g [length]", contact.units)
+    label_axes(axes, f"{contact.grid.sides[0]} [length]", "gap g [length]", contact.units)
 
     def show(gap: np.ndarray) -> None:
         line.set_ydata(gap)

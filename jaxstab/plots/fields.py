@@ -78,7 +78,7 @@ def draw_areas(
             colour = grey(axes, 1)
         _fill(axes, x, numbers == number, color=colour)
     axes.margins(0)
-    label_axis(axes.xaxis, "x [length]", contact.units)
+    label_axis(axes.xaxis, f"{contact.grid.sides[0]} [length]", contact.units)
     axes.set(yticks=[0, 1], yticklabels=["apart", "in contact"])
     return axes
 
@@ -211,7 +211,7 @@ def _field(
     values = np.asarray(field)
     if values.ndim == 1:
         axes.plot(np.asarray(contact.grid.coordinates[0]), values)
-        label_axes(axes, "x [length]", label, contact.units)
+        label_axes(axes, f"{contact.grid.sides[0]} [length]", label, contact.units)
         return axes
     least = values.min()
     most = values.max()

@@ -7,6 +7,7 @@ the `uniform_stiffness` times the displacement.
 """
 
 from abc import abstractmethod
+from collections.abc import Iterator
 from dataclasses import replace
 from functools import lru_cache
 from types import ModuleType
@@ -16,7 +17,7 @@ import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
-from scipy.special import ellipe, ellipkm1, j1
+from scipy.special import ellipe, ellipkm1, j1, jv
 
 from jaxstab.core.checks import require_kind
 from jaxstab.core.compile import own_conventions, program
@@ -41,6 +42,12 @@ _POINTS_OF_A_PANEL = 6
 _GROWTH = 4.0
 _LONGEST = 1e7
 _SHORTEST = 4.0
+# Legendre's functions follow from their recurrence up to this argument, where it loses few digits,
+# and beyond from so many intervals of half a turn, to rounding.
+_NEAR = 1.25
+_INTERVALS = 28
+# The difference of kernels is smooth: fewer points do, and none of two rings coincide.
+_POINTS_OF_A_DIFFERENCE = (2, 3)
 
 
 class Modes(Solid):
@@ -144,6 +151,14 @@ class AxisymmetricSolid(Solid):
     def modes(self) -> Modes:
         """This solid by the eigenvectors of its stiffness."""
 
+    @abstractmethod
+    def stiffness_of_order(self, order: int) -> Matrix:
+        """Return the stiffness matrix of displacements cos(m theta) [pressure/length].
+
+        Arguments:
+            order: m, not negative; m = 0 is K itself.
+        """
+
     @property
     def prepared(self) -> Modes:
         """This solid by the eigenvectors of its stiffness."""
@@ -241,6 +256,12 @@ class AxisymmetricHalfSpace(AxisymmetricSolid):
         unit = _modes_of_unit_disc(self.grid.num_points)
         return _scaled_modes(self.grid, self.contact_modulus, unit)
 
+    def stiffness_of_order(self, order: int) -> Matrix:
+        """Return the stiffness matrix of displacements cos(m theta) [pressure/length]."""
+        unit = np.linalg.inv(_compliance_of_unit_disc(self.grid.num_points, order))
+        factor = self.contact_modulus / self.grid.radius
+        return factor * jnp.asarray(unit, factor.dtype)
+
 
 class Axisymmetric(AxisymmetricSolid):
     """Any solid with a stiffness for every wavenumber, under an axisymmetric contact on a disc.
@@ -278,19 +299,23 @@ class Axisymmetric(AxisymmetricSolid):
     @program
     def modes(self) -> Modes:
         """This solid by the eigenvectors of its stiffness."""
-        rings = self.grid
-        radius = rings.radius
-        waves, weights, means = _hankel_transform(rings.num_points)
-        q = jnp.asarray(waves, radius.dtype) / radius
+        return Modes(grid=self.grid, **_decomposed(self.stiffness_of_order(0), jnp))
+
+    def stiffness_of_order(self, order: int) -> Matrix:
+        """Return the stiffness matrix of displacements cos(m theta) [pressure/length]."""
+        number = self.grid.num_points
+        radius = self.grid.radius
+        unit, waves, weights, means = (
+            jnp.asarray(part, radius.dtype)
+            for part in (_compliance_of_unit_disc(number, order), *_hankel_transform(number, order))
+        )
+        q = waves / radius
         stiffness = self.solid.stiffness_at(q)
         shortest = 2 * stiffness[-1] / q[-1]
-        rest = (1 / stiffness - 2 / (shortest * q)) * q * jnp.asarray(weights, radius.dtype)
-        bessel = jnp.asarray(means, radius.dtype)
-        unit = jnp.asarray(_compliance_of_unit_disc(rings.num_points), radius.dtype)
-        # One factor of R comes from dq.
-        compliance = radius / shortest * unit
-        compliance += radius / (2 * rings.num_points) * (bessel * rest) @ bessel.T
-        return Modes(grid=rings, **_decomposed(jnp.linalg.inv(compliance), jnp))
+        rest = (1 / stiffness - 2 / (shortest * q)) * q * weights
+        # One factor R is that of dq.
+        compliance = radius / shortest * unit + radius / (2 * number) * (means * rest) @ means.T
+        return jnp.linalg.inv(compliance)
 
 
 def _nonzero(stiffnesses: Float[Array, " rings"]) -> Float[Array, " rings"]:
@@ -328,22 +353,35 @@ def _modes_of_unit_disc(number: int) -> dict[str, Any]:
     return _decomposed(np.linalg.inv(_compliance_of_unit_disc(number)), np)
 
 
-@lru_cache(maxsize=8)
-def _compliance_of_unit_disc(number: int) -> Float[np.ndarray, "rings rings"]:
-    """Return the mean displacement of each ring under a unit pressure on each, E* = R = 1."""
+@lru_cache(maxsize=16)
+def _compliance_of_unit_disc(number: int, order: int = 0) -> Float[np.ndarray, "rings rings"]:
+    """Return the mean displacement of each ring under pressure on each, for E* = R = 1.
+
+    Pressure is cos(m theta) on a ring, and so is the displacement. Their difference to order zero
+    is that of the kernels, which has no singularity.
+    """
     edges = np.sqrt(np.arange(number + 1) / number)
-    nodes, weights = np.polynomial.legendre.leggauss(_POINTS_OF_A_RING)
     compliance = np.zeros((number, number))
-    for node, weight in zip((nodes + 1) / 2, weights / 2, strict=True):
-        r = np.sqrt((np.arange(number) + node) / number)
-        compliance += weight * np.diff(_under_discs(r[:, None], edges[None, :]), axis=1)
+    for r, weight in _points_of_rings(number, _POINTS_OF_A_RING):
+        compliance += weight * np.diff(_under_discs(r[:, None], edges), axis=1)
+    if order > 0:
+        few, more = _POINTS_OF_A_DIFFERENCE
+        for r, weight in _points_of_rings(number, few):
+            for s, share in _points_of_rings(number, more):
+                kernel = _kernel_less_that_of_order_zero(r[:, None], s, order)
+                compliance += weight * share / (2 * number) * kernel
     # Reciprocity holds to the error of the mean over a ring.
     return (compliance + compliance.T) / 2
 
 
-def _under_discs(
-    r: Float[np.ndarray, "..."], a: Float[np.ndarray, "..."]
-) -> Float[np.ndarray, "..."]:
+def _points_of_rings(number: int, count: int) -> Iterator[tuple[np.ndarray, float]]:
+    """Yield the radii of Gauss points in r^2, one for each ring of a unit disc, and weights."""
+    nodes, weights = np.polynomial.legendre.leggauss(count)
+    for node, weight in zip((nodes + 1) / 2, weights / 2, strict=True):
+        yield np.sqrt((np.arange(number) + node) / number), weight
+
+
+def _under_discs(r: np.ndarray, a: np.ndarray) -> np.ndarray:
     """Return the displacement at r under a unit pressure on a disc of radius a (Johnson, 3.29)."""
     is_inside = r <= a
     outer = np.where(is_inside, a, r)
@@ -353,9 +391,40 @@ def _under_discs(
     return 4 / np.pi * outer * np.where(is_inside, first, beyond)
 
 
-@lru_cache(maxsize=4)
-def _hankel_transform(number: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return waves q R and weights of a quadrature, and the mean of J_0(q r) over each ring."""
+def _kernel_less_that_of_order_zero(r: np.ndarray, s: np.ndarray, order: int) -> np.ndarray:
+    """Return 1 / pi times the integral of (cos(m theta) - 1) / |x - x'| over theta, for r != s.
+
+    The integral of cos(m theta) / |x - x'| is 2 / sqrt(r s) Q_(m-1/2)((r^2 + s^2) / (2 r s)), with
+    Legendre's functions of the second kind. They follow from elliptic integrals by their recurrence
+    where the argument is near one, and from the trapezoidal rule elsewhere (Gradshteyn & Ryzhik,
+    8.83).
+    """
+    argument = (r**2 + s**2) / (2 * r * s)
+    is_near = argument < _NEAR
+    x = np.where(is_near, argument, _NEAR)
+    beyond = np.where(is_near, (r - s) ** 2 / (2 * r * s), _NEAR - 1)
+    k = np.sqrt(2 / (x + 1))
+    # 1 - k^2 to all digits.
+    first, second = ellipkm1(beyond / (x + 1)), ellipe(k**2)
+    before = k * first
+    found = x * before - 2 / k * second
+    lowest = before
+    for m in range(1, order):
+        before, found = found, (2 * m * x * found - (m - 0.5) * before) / (m + 0.5)
+    near = 2 / np.sqrt(r * s) * (found - lowest)
+    far = np.zeros_like(argument)
+    for i in range(1, _INTERVALS + 1):
+        angle = np.pi * i / _INTERVALS
+        # At half a turn the interval ends.
+        share = 1 + (i < _INTERVALS)
+        distance = np.sqrt(np.where(is_near, 1, r**2 + s**2 - 2 * r * s * np.cos(angle)))
+        far += share * (np.cos(order * angle) - 1) / distance
+    return np.where(is_near, near / np.pi, far / _INTERVALS)
+
+
+@lru_cache(maxsize=8)
+def _hankel_transform(number: int, order: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return waves q R and weights of a quadrature, and the mean of J_m(q r) over each ring."""
     nodes, weights = np.polynomial.legendre.leggauss(_POINTS_OF_A_PANEL)
     count = int(np.ceil(np.log(_LONGEST) / np.log(_GROWTH)))
     shortest = 2 * number * _SHORTEST
@@ -365,7 +434,12 @@ def _hankel_transform(number: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     widths = np.diff(edges)
     waves = (edges[:-1, None] + widths[:, None] * (nodes + 1) / 2).ravel()
     weights = (widths[:, None] * weights / 2).ravel()
-    rings = np.sqrt(np.arange(number + 1) / number)
-    # int_0^r J_0(q s) s ds = r J_1(q r) / q
-    discs = rings[:, None] * j1(rings[:, None] * waves) / waves
-    return waves, weights, 2 * number * np.diff(discs, axis=0)
+    if order == 0:
+        # int_0^r J_0(q s) s ds = r J_1(q r) / q
+        rings = np.sqrt(np.arange(number + 1) / number)[:, None]
+        means = 2 * number * np.diff(rings * j1(rings * waves) / waves, axis=0)
+    else:
+        means = np.zeros((number, waves.size))
+        for r, weight in _points_of_rings(number, _POINTS_OF_A_RING):
+            means += weight * jv(order, r[:, None] * waves)
+    return waves, weights, means

@@ -407,6 +407,11 @@ class Viscoelastic(Solid):
         return eqx.tree_at(lambda s: s.solid, self, padded)
 
     @property
+    def prepared(self) -> "Viscoelastic":
+        """This solid with all stiffnesses computed that do not change."""
+        return eqx.tree_at(lambda s: s.solid, self, self.solid.prepared)
+
+    @property
     def is_valid(self) -> Flag:
         """Whether the relaxed solid and the series are valid."""
         is_series = jnp.all((self.ratios >= 0) & jnp.isfinite(self.ratios) & (self.times > 0))
@@ -415,6 +420,8 @@ class Viscoelastic(Solid):
     # Functions without time use the relaxed solid.
     grid = _of_relaxed("grid")
     is_window = _of_relaxed("is_window")
+    is_padded = _of_relaxed("is_padded")
+    punch = _of_relaxed("punch")  # pyright: ignore
     area_fraction = _of_relaxed("area_fraction")  # pyright: ignore
     max_stiffness = _of_relaxed("max_stiffness")
     min_stiffness = _of_relaxed("min_stiffness")

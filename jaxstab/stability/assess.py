@@ -21,6 +21,7 @@ from jaxstab.core.results import RESULTS
 from jaxstab.core.types import Flag, Mask
 from jaxstab.equilibrium.equilibrium import Equilibrium, State, equilibrium_of
 from jaxstab.equilibrium.posing import finished, posed_state
+from jaxstab.stability.angular_modes import require_orders, with_angular_modes
 from jaxstab.stability.barrier import differentiable as differentiable_margins
 from jaxstab.stability.barrier import margins_of
 from jaxstab.stability.cones import Subspace
@@ -59,6 +60,7 @@ def assess_stability(
     solver: ConeSolver | None = None,
     *,
     key: PRNGKeyArray | None = None,
+    orders: int = 0,
     verdict_only: bool = False,
     progress: bool | None = None,
     throw: bool = True,
@@ -87,6 +89,9 @@ def assess_stability(
         solver: the algorithm for the cone, `ProjectedLOBPCG()` by default. Its tolerance applies
             to all three numbers.
         key: the random key of the vectors to start from, `jax.random.key(0)` by default.
+        orders: on rings, the number of orders m = 1, 2, ... of perturbations x(r) cos(m theta) to
+            judge beside the axisymmetric ones, by a dense eigenproblem each. The verdict then
+            holds for all of these; by default for axisymmetric perturbations alone.
         verdict_only: stop when a number proves the verdict; those not computed are NaN, with the
             result "not_computed".
         progress: show a progress bar; by default after two seconds, in a terminal or notebook.
@@ -101,7 +106,8 @@ def assess_stability(
             share, a mirror image or a period along a side, as on a mirrored scan.
 
     Raises:
-        ValueError: if the equilibrium has another grid or precision than the contact.
+        ValueError: if the equilibrium has another grid or precision than the contact; for orders
+            of a contact that is not on rings.
         TypeError: if the solver is not one for cones, the key not a random one, or an equilibrium
             is given beside a state of an evolution.
         SolverError: if `throw`, for an equilibrium or an eigenvalue that did not converge.
@@ -116,6 +122,7 @@ def assess_stability(
     warn_if_coarse(contact)
     solver = solver_or_default(solver, ConeSolver, ProjectedLOBPCG)
     key = key_or_default(key)
+    orders = require_orders(contact, orders)
     problem = posed_state(contact, equilibrium)
     inputs = problem.contact, problem.state
     solver = solver.in_units_of(problem.unit)
@@ -128,7 +135,7 @@ def assess_stability(
         stability = with_derivatives(stability, inputs)
     stability = finished(stability, problem, describe, throw)
     warn_of_symmetry(contact, equilibrium, stability)
-    return stability
+    return with_angular_modes(stability, contact, equilibrium.gap, orders)
 
 
 @in_pieces

@@ -3,12 +3,13 @@
 from typing import Annotated
 
 import equinox as eqx
+from jaxtyping import Array, Int
 
 from jaxstab.core.display import Outcome
 from jaxstab.core.enumeration import Enumeration, member
 from jaxstab.core.results import RESULTS
-from jaxstab.core.types import Flag, Scalar
-from jaxstab.core.units import NO_UNITS, NUMBER, Units
+from jaxstab.core.types import Field, Flag, Scalar
+from jaxstab.core.units import NO_UNITS, NUMBER, STIFFNESS, Units
 from jaxstab.stability.barrier import Barrier
 from jaxstab.stability.eigenpair import Eigenpair
 
@@ -23,6 +24,23 @@ class VERDICTS(Enumeration):
     )
     unstable = member("an arbitrarily small admissible perturbation lowers the energy")
     undecided = member("an eigenvalue is zero to within its error, or a solver did not converge")
+
+
+class AngularMode(Outcome):
+    """The lowest mode x(r) cos(m theta) of an order m of an axisymmetric contact.
+
+    Attributes:
+        order: m.
+        eigenvalue: the smallest one, with x = 0 in contact; +inf without a free ring
+            [pressure/length].
+        error: of the eigenvalue, by rounding [pressure/length].
+        mode: x(r), of unit Euclidean norm.
+    """
+
+    order: Int[Array, ""]
+    eigenvalue: Annotated[Scalar, STIFFNESS]
+    error: Annotated[Scalar, STIFFNESS]
+    mode: Annotated[Field, NUMBER]
 
 
 class Stability(Outcome):
@@ -47,6 +65,8 @@ class Stability(Outcome):
         proved: whether the verdict is proved: no eigenvalue on which it rests can have been
             missed.
         result: how the solvers ended: the first failure, or successful.
+        angular: on rings, the lowest mode of each order m = 1, 2, ... that was asked for; the three
+            eigenvalues are of order zero. None where no order was.
         units: the units of length and of pressure, None where unknown.
     """
 
@@ -58,6 +78,7 @@ class Stability(Outcome):
     verdict: VERDICTS
     proved: Flag
     result: RESULTS
+    angular: AngularMode | None = None
     units: Units = eqx.field(static=True, default=NO_UNITS, repr=False)
 
     @property
