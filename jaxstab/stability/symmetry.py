@@ -6,6 +6,7 @@ import numpy as np
 
 from jaxstab.contact.contact import Contact
 from jaxstab.core.checks import concrete, is_readable, where_known
+from jaxstab.core.rings import Rings
 from jaxstab.core.warn import warn
 from jaxstab.equilibrium.equilibrium import Equilibrium
 from jaxstab.stability.verdict import VERDICTS, Stability
@@ -25,6 +26,9 @@ class SymmetryWarning(UserWarning):
 def warn_of_symmetry(contact: Contact, equilibrium: Equilibrium, stability: Stability) -> None:
     """Warn, where values are known, if an unstable state owes its place to a symmetry."""
     fields = contact.heights, equilibrium.gap, stability.critical.mode
+    # Images along the radius are no symmetries.
+    if isinstance(contact.grid, Rings):
+        return
     if not is_readable((fields, stability.verdict)) or stability.verdict != VERDICTS.unstable:
         return
     heights, gap, mode = (np.asarray(concrete(field), float) for field in fields)
