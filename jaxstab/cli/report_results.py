@@ -20,7 +20,7 @@ from jaxstab.core.results import RESULTS
 from jaxstab.core.warn import warn
 from jaxstab.equilibrium import Equilibrium
 from jaxstab.stability import Stability
-from jaxstab.surfaces import Topography
+from jaxstab.surfaces import Topography, faults
 
 # Points along the longest side of the periodic cell for which a report takes a few minutes, and
 # those below which a scan has no roughness to speak of.
@@ -204,9 +204,19 @@ def _scan(options: argparse.Namespace) -> Topography:
         )
     order = options.detrend
     if order is None:
-        # The best plane of a periodic surface, which its long waves tilt, would part its edges.
+        scan = _joined(scan)
         order = 0 if scan.edges_meet else 1
     return levelled(scan, order).in_unit("m")
+
+
+def _joined(scan: Topography) -> Topography:
+    """Return a tilted periodic surface without its tilt, any other surface as it is."""
+    if scan.edges_meet:
+        return scan
+    heights = scan.heights - faults.joining_plane(scan.heights)
+    remarks = (*scan.remarks, "plane subtracted without which opposite edges meet")
+    joined = replace(scan, heights=heights, remarks=remarks)
+    return joined if joined.edges_meet else scan
 
 
 def _power_law(surface: Topography) -> js.surfaces.PowerLaw | str:

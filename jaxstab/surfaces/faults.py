@@ -83,8 +83,45 @@ def has_wrong_scale(heights: np.ndarray, lengths: np.ndarray) -> list[str]:
 
 
 def edges_meet(heights: np.ndarray) -> bool:
-    """Whether the jump across each periodic edge is as the increments between neighbours."""
-    return not any(_has_edge_jump(heights, axis, _ABOVE_LARGEST) for axis in range(heights.ndim))
+    """Whether heights go on across each periodic edge as they do between neighbours."""
+    return not any(
+        _has_edge_jump(heights, axis, _ABOVE_LARGEST) or _is_rough_across(heights, axis)
+        for axis in range(heights.ndim)
+    )
+
+
+def _is_rough_across(heights: np.ndarray, axis: int) -> bool:
+    """Whether heights at the edge differ more from a cubic through their neighbours than others.
+
+    Waves of a few points rise as much between neighbours as across a cut; the cubic follows them.
+    """
+    squares, counts = _squares(_off_cubic(heights, axis))
+    rms = np.sqrt(squares / np.maximum(counts, 1))
+    inside = rms[2:-2].max(initial=0)
+    return max(rms[0], rms[-1]) > max(_ABOVE_LARGEST * inside, _rounding(heights))
+
+
+def _off_cubic(heights: np.ndarray, axis: int) -> np.ndarray:
+    """Return heights less the cubic through the two neighbours on either side, as lines."""
+    lines = np.moveaxis(heights, axis, 0).reshape(heights.shape[axis], -1)
+    near, far = (np.roll(lines, n, 0) + np.roll(lines, -n, 0) for n in (1, 2))
+    return lines - (4 * near - far) / 6
+
+
+def joining_plane(heights: np.ndarray) -> np.ndarray:
+    """Return the plane of zero mean without which heights go on best across their edges.
+
+    The tilt of a periodic surface: the best plane would take a part of its waves.
+    """
+    plane = np.zeros_like(heights)
+    for axis, n in enumerate(heights.shape):
+        ramp = np.linspace(-1, 1, n)
+        edge = [-2, -1, 0, 1]
+        off, unit = _off_cubic(heights, axis)[edge], _off_cubic(ramp, 0)[edge]
+        is_there = np.isfinite(off)
+        slope = np.sum(np.where(is_there, off, 0) * unit) / np.sum(is_there * unit**2)
+        plane += slope * np.expand_dims(ramp, [i for i in range(heights.ndim) if i != axis])
+    return plane
 
 
 def lone_points(heights: np.ndarray) -> list[str]:

@@ -83,7 +83,7 @@ class Topography:
 
     @property
     def edges_meet(self) -> bool:
-        """Whether opposite edges are known to meet, or step as neighbours do, up to 1.5 times."""
+        """Whether opposite edges are known to meet, or the heights go on smoothly across them."""
         return self.is_periodic or faults.edges_meet(self.heights)
 
     @property

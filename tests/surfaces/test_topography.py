@@ -360,6 +360,7 @@ def test_what_looks_wrong_is_still_said_once_a_fourier_series_has_spread_it():
     assert not tilted.resampled((32, 24), "area").edge_faults
 
 
+HOLED = np.where(np.eye(48, 64), np.nan, clean())
 PILLARS = np.kron([[1.0, 0.0], [0.0, 0.0]], np.ones((16, 16)))
 
 
@@ -373,6 +374,9 @@ PILLARS = np.kron([[1.0, 0.0], [0.0, 0.0]], np.ones((16, 16)))
         (PILLARS, True),
         (clean()[:32, :], False),
         (clean()[:, :40], False),
+        # Waves of three points rise as much between neighbours as across the cut.
+        (clean()[::3, ::2][:12], False),
+        (np.sin(6.5 * np.pi * np.arange(64) / 64)[:, None] * np.ones(48), False),
         (np.sin(3 * np.pi * np.arange(64) / 64 + 1)[:, None] * np.ones(48), False),
         (clean() + 0.5 * np.arange(48)[:, None] / 48, False),
     ],
@@ -380,6 +384,17 @@ PILLARS = np.kron([[1.0, 0.0], [0.0, 0.0]], np.ones((16, 16)))
 def test_edges_meet_if_they_step_as_neighbours_do(heights, meets):
     assert topography(heights).edges_meet is meets
     assert topography(heights).periodic("as_is").edges_meet
+
+
+@pytest.mark.parametrize("heights", [clean(), clean()[0], HOLED])
+def test_the_tilt_of_a_periodic_surface_is_found_whatever_its_waves(heights):
+    axes = np.meshgrid(*(np.linspace(-1, 1, n) for n in heights.shape), indexing="ij")
+    plane = sum(slope * x for slope, x in zip((0.3, -2.0), axes, strict=False))
+    found = faults.joining_plane(heights + plane)
+    # The waves between the last point and the first are known up to a cubic.
+    assert np.abs(found - plane).max() < 0.02 * np.nanstd(heights)
+    assert faults.edges_meet(heights + plane - found)
+    assert not faults.edges_meet(heights + plane)
 
 
 def with_heights(heights, places, value):
