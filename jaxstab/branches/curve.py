@@ -12,12 +12,11 @@ import jax.numpy as jnp
 from jaxstab.branches.gmres import gmres
 from jaxstab.contact import Contact
 from jaxstab.contact.hessian import Hessian
-from jaxstab.contact.residual import from_first, least_scale, rounding_of_waves
+from jaxstab.contact.residual import least_scale, scale_of
 from jaxstab.core import model
 from jaxstab.core.grid import mean, total
 from jaxstab.core.types import Field, Flag, Mask, Scalar
 from jaxstab.loads import Load
-from jaxstab.potentials import derivatives
 from jaxstab.potentials.profile import HARDLY_ANY
 
 # Restarts of GMRES at most.
@@ -122,18 +121,15 @@ class Curve(eqx.Module):
 
     def forces(self, at: Point, is_free: Mask) -> Forces:
         """Return the pressures at a point with these free points."""
-        contact = self.contact
+        solid = self.contact.solid
         gap = at.gap
-        displacement = from_first(gap) + from_first(contact.heights)
-        elastic = contact.solid.with_uniform_stiffness(0).apply(displacement)
-        _, attraction, curvature = derivatives(contact.potential, gap)
-        pressed = model.pressed(at.pressure, contact.solid.punch)
-        net = elastic + attraction + pressed
-        resisting = jnp.where(is_free, attraction + pressed, 0)
-        scale = jnp.sqrt(total(elastic**2 + resisting**2) / gap.size)
-        rounding = rounding_of_waves(contact.solid.max_stiffness, jnp.sqrt(mean(gap**2)))
-        scale = jnp.maximum(jnp.maximum(scale, self.least_scale), rounding)
-        return Forces(net, curvature, scale)
+        pressures = self.contact.pressures(gap)
+        pressed = model.pressed(at.pressure, solid.punch)
+        resisting = jnp.where(is_free, pressures.attraction + pressed, 0)
+        balancing = jnp.sqrt(total(pressures.elastic**2 + resisting**2) / gap.size)
+        size = jnp.sqrt(mean(gap**2))
+        scale = scale_of(balancing, self.least_scale, solid.max_stiffness, size)
+        return Forces(pressures.gradient + pressed, pressures.curvature, scale)
 
     def net_rate(self, curvature: Field, change: Point) -> Field:
         """Return how the net pressure follows a change where f'' is this, A dg + dp0."""

@@ -23,7 +23,13 @@ from jaxstab.contact.inputs import (
     require_sound,
     unit_of_lengths,
 )
-from jaxstab.contact.residual import Balance, balance_of, conforming_pressure
+from jaxstab.contact.residual import (
+    Balance,
+    Pressures,
+    balance_of,
+    conforming_pressure,
+    pressures_of,
+)
 from jaxstab.contact.window import continued_surface
 from jaxstab.core import model
 from jaxstab.core.checks import cast, is_traced, possible, require_kind
@@ -33,7 +39,7 @@ from jaxstab.core.grid import Grid
 from jaxstab.core.types import ArrayLike, Field, FieldMap, Flag, Scalar
 from jaxstab.core.units import LENGTH, Units
 from jaxstab.loads.load import Control, Load
-from jaxstab.potentials.evaluation import curvature, energy_density, slope
+from jaxstab.potentials.evaluation import curvature, energy_density
 from jaxstab.potentials.jumps import law_jump, require_no_jump
 from jaxstab.potentials.profile import Profile, profile_of, require_smooth
 from jaxstab.potentials.sharpness import sharpest_curvature
@@ -244,9 +250,13 @@ class Contact(eqx.Module):
     @property
     def gradient(self) -> FieldMap:
         """The map from a gap to K u + f'(g) [pressure], K prepared once, here."""
-        K = self.solid.with_uniform_stiffness(0).apply
-        f_prime = partial(slope, self.potential)
-        return partial(model.gradient, K, f_prime, self.heights)
+        pressures = self.pressures
+        return lambda gap: pressures(gap).gradient
+
+    @property
+    def pressures(self) -> Callable[[Field], Pressures]:
+        """The map from a gap to K u, f'(g) and f''(g), K prepared once, here."""
+        return pressures_of(self.solid, self.heights, self.potential)
 
     def curvature(self, gap: Field) -> Field:
         """Return f''(g), the diagonal of D (Rey & Bleyer, eq. 24) [pressure/length]."""

@@ -1,4 +1,4 @@
-"""The residual of equilibrium at a gap."""
+"""The pressures at a gap, and how far they are from equilibrium."""
 
 from collections.abc import Callable
 
@@ -21,6 +21,29 @@ _LEAST_SCALE = 1e-2
 _MEAN_SHARE = 1e-2
 # A surface is nearly flat if its heights spread by less than this part of the mean gap.
 _FLAT = 1e-2
+
+
+class Pressures(eqx.Module):
+    """The pressures at a gap on which no load acts, and the terms of its energy.
+
+    Attributes:
+        displacement: u less its value at one point [length].
+        elastic: K u [pressure].
+        density: f(g) [energy/area].
+        attraction: f'(g) [pressure].
+        curvature: f''(g) [pressure/length].
+    """
+
+    displacement: Field
+    elastic: Field
+    density: Field
+    attraction: Field
+    curvature: Field
+
+    @property
+    def gradient(self) -> Field:
+        """K u + f'(g) [pressure]."""
+        return model.gradient(self.elastic, self.attraction)
 
 
 class Balance(eqx.Module):
@@ -55,6 +78,21 @@ class Balance(eqx.Module):
     has_escaped: Flag
 
 
+def pressures_of(
+    solid: Solid, heights: Field, potential: Potential
+) -> Callable[[Field], Pressures]:
+    """Return the map from a gap to its pressures, with K prepared once, here."""
+    K = solid.with_uniform_stiffness(0).apply
+    # K ignores a constant, but loses digits to it.
+    heights = _from_first(heights)
+
+    def pressures(gap: Field) -> Pressures:
+        displacement = _from_first(gap) + heights
+        return Pressures(displacement, K(displacement), *derivatives(potential, gap))
+
+    return pressures
+
+
 def balance_of(
     solid: Solid,
     heights: Field,
@@ -63,18 +101,18 @@ def balance_of(
     escape: Scalar,
 ) -> Callable[[Field], Balance]:
     """Return the map from a gap, nowhere negative, to how far it is from equilibrium."""
-    held = solid.with_uniform_stiffness(0)
+    pressures_at = pressures_of(solid, heights, potential)
     stiffest = solid.max_stiffness
     conforming = conforming_pressure(solid, heights)
     smallest_scale = least_scale(conforming)
-    heights = from_first(heights)
-    spread = jnp.max(jnp.abs(heights))
+    spread = jnp.max(jnp.abs(_from_first(heights)))
 
     def balance(gap: Field) -> Balance:
-        displacement = from_first(gap) + heights
-        elastic = held.apply(displacement)
-        density, attraction, curvature = derivatives(potential, gap)
-        net = control.net_pressure(elastic + attraction, gap)
+        pressures = pressures_at(gap)
+        elastic = pressures.elastic
+        attraction = pressures.attraction
+        curvature = pressures.curvature
+        net = control.net_pressure(pressures.gradient, gap)
         imbalance = model.imbalance(net, gap)
         # Between flat surfaces only attraction and p0 tell how much is little.
         whole = jnp.abs(attraction) + jnp.abs(net - elastic - attraction)
@@ -84,16 +122,16 @@ def balance_of(
         # that is beyond all numbers.
         share = jnp.where(curvature == jnp.inf, 1, stiffest / jnp.maximum(curvature, stiffest))
         squares = elastic**2 + (share * resisting) ** 2, (share * imbalance) ** 2, gap**2
-        sums = totals([displacement * elastic, density, gap, *squares])
+        work = pressures.displacement * elastic
+        sums = totals([work, pressures.density, gap, *squares])
         twice_elastic = sums[0]
         adhesion = sums[1]
         level = sums[2] / gap.size
         mean_gap = level
         if solid.punch is not None:
             mean_gap = control.mean_gap_of(gap)
-        scale, residual, size = jnp.sqrt(sums[3:] / gap.size)
-        scale = jnp.maximum(scale, smallest_scale)
-        scale = jnp.maximum(scale, rounding_of_waves(stiffest, size))
+        balancing, residual, size = jnp.sqrt(sums[3:] / gap.size)
+        scale = scale_of(balancing, smallest_scale, stiffest, size)
         is_nearly_flat = (spread > 0) & (spread < _FLAT * level)
         residual = jnp.where(residual == 0, 0, residual / jnp.where(residual == 0, 1, scale))
         # A light load is all that keeps the surfaces where they are.
@@ -113,8 +151,8 @@ def balance_of(
     return balance
 
 
-def from_first(field: Field) -> Field:
-    """Return a field less its value at one point: K ignores a constant, but loses digits to it."""
+def _from_first(field: Field) -> Field:
+    """Return a field less its value at one point."""
     return field - field.ravel()[0]
 
 
@@ -123,15 +161,22 @@ def least_scale(conforming: Scalar) -> Scalar:
     return conforming * max(_LEAST_SCALE, 1e6 * float(jnp.finfo(conforming.dtype).eps))
 
 
-def rounding_of_waves(stiffest: Scalar, gap: Scalar) -> Scalar:
-    """Return the least scale of an imbalance that rounding of gaps of this size allows.
+def scale_of(balancing: Scalar, least: Scalar, stiffest: Scalar, gap: Scalar) -> Scalar:
+    """Return the scale of an imbalance [pressure].
 
-    The part of a gap that rounding hides, over the default tolerance: to reach that takes no more
-    than that the stiffest wave is rounded as gaps are. Its pressure outweighs others from a few
-    thousand points a side in float32.
+    It is at least what rounding allows: the part of a gap that rounding hides, over the default
+    tolerance. To reach that takes no more than that the stiffest wave is rounded as gaps are. Its
+    pressure outweighs others from a few thousand points a side in float32.
+
+    Arguments:
+        balancing: the rms of the pressures that balance each other [pressure].
+        least: the least scale, `least_scale` [pressure].
+        stiffest: the stiffness of the stiffest wave [pressure/length].
+        gap: the rms of the gap [length].
     """
     precision = float(jnp.finfo(gap.dtype).eps)
-    return precision / EQUILIBRIUM[gap.dtype.name] * stiffest * gap
+    rounding = precision / EQUILIBRIUM[gap.dtype.name] * stiffest * gap
+    return jnp.maximum(jnp.maximum(balancing, least), rounding)
 
 
 def conforming_pressure(solid: Solid, heights: Field) -> Scalar:

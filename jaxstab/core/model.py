@@ -54,9 +54,9 @@ def energy(K: FieldMap, f: FieldMap, heights: Field, gap: Field) -> Scalar:
     return elastic_energy(displacement, K(displacement)) + total(f(gap))
 
 
-def gradient(K: FieldMap, slope: FieldMap, heights: Field, gap: Field) -> Field:
-    """Return p + f'(g), the derivative of E_p by u (9) [pressure]."""
-    return K(displacement_of(gap, heights)) + slope(gap)
+def gradient(pressure: Field, slope: Field) -> Field:
+    """Return p + f'(g), the derivative of E_p by u (9), from p = K u and f'(g) [pressure]."""
+    return pressure + slope
 
 
 def hessian(K: FieldMap, curvature: Field, field: Field) -> Field:
