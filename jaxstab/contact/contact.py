@@ -183,7 +183,7 @@ class Contact(eqx.Module):
     @property
     def units(self) -> Units:
         """The units of length and of pressure, for a surface of so many sides."""
-        sides = len(self.grid.shape)
+        sides = self.grid.num_dimensions
         return Units(self.unit, self.pressure_unit, sides, self.force_unit, self.energy_unit)
 
     @property

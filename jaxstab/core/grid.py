@@ -50,6 +50,11 @@ class Mesh(eqx.Module):
         return math.prod(self.shape)
 
     @property
+    def num_dimensions(self) -> int:
+        """Dimensions of the surface: 1 on a line, where forces and areas are per width, else 2."""
+        return len(self.shape)
+
+    @property
     @abstractmethod
     def spacing(self) -> Float[Array, " sides"]:
         """Distance between neighbouring points along each side [length]."""

@@ -146,6 +146,11 @@ class Rings(Mesh):
         return (self.num_points,)
 
     @property
+    def num_dimensions(self) -> int:
+        """Dimensions of the disc: 2, though fields have one axis."""
+        return 2
+
+    @property
     @jax.jit
     def lengths(self) -> Float[Array, " sides"]:  # pyright: ignore[reportIncompatibleVariableOverride]
         """Diameter of the disc [length]."""

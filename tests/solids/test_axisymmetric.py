@@ -286,3 +286,12 @@ def test_mistakes_are_told(rings, solid, sticky):
         js.assess_stability(flat, js.equilibrate(flat, js.MeanGap(0.1)), orders=2)
     with pytest.warns(js.WindowWarning, match="edges"):
         js.equilibrate(sticky, js.FarDisplacement(-1.2))
+
+
+def test_areas_forces_and_energies_of_a_disc_have_the_units_of_a_surface(sticky):
+    contact = js.Contact(
+        sticky.solid, sticky.heights, sticky.potential, unit="um", pressure_unit="MPa"
+    )
+    dataset = js.to_dataset(contact, js.equilibrate(contact, js.MeanPressure(0.0)))
+    assert dataset.area.units == "µm^2"
+    assert dataset.energy.units == "pJ"
