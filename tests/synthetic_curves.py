@@ -63,6 +63,7 @@ def recorded(
     offsets=(0.3, 0.4),
     force_drift=0.0,
     noise=0.05,
+    height_noise=0.0,
     points=2000,
     speed=100.0,
     reach=150.0,
@@ -72,8 +73,8 @@ def recorded(
 
     The tip jumps where the cantilever is softer than the law. Before the first indentation no force
     acts; a law that begins with a pull-off is one of contact, which the approach meets at no
-    indentation. Heights are off by the contact point, and by a drift
-    from the end of the approach; forces by an offset of each segment, a tilt, a drift and noise.
+    indentation. Heights are off by the contact point, by a drift from the end of the approach and
+    perhaps by noise; forces by an offset of each segment, a tilt, a drift and noise.
     """
     random = np.random.default_rng(seed)
     indentation, force = law
@@ -101,11 +102,14 @@ def recorded(
         true = np.interp(above, *(down if part == "approach" else up), right=0.0)
         total = true + offsets[number] + tilt * own + noise * random.normal(size=own.size)
         total += force_drift * time[is_part]
+        read = own + contact
+        if height_noise:
+            read = read + height_noise * random.normal(size=own.size)
         segments.append(
             js.force_curves.Segment(
                 force=total,
-                height=own + contact,
-                tip=own + contact + total / constant,
+                height=read,
+                tip=read + total / constant,
                 time=time[is_part] - time[0],
             )
         )

@@ -111,12 +111,12 @@ def calibrate(
 
     Of a `jaxstab.force_curves.ForceCurve`, corrected first unless it is already, means over short
     steps of the height are fitted, in the units of the contact, with weights from their numbers of
-    points; the contact point, the baseline and its tilt over the height are parameters too. Both
-    segments have a baseline each, unless the retraction has not detached, and the drift of the
-    heights is another parameter, unless the correction has left it as hysteresis. As
-    `jaxstab.FarDisplacement` the load is the tip position, so that the fit passes jumps that a soft
-    cantilever makes; as `jaxstab.Spring` it is the height, and the contact must jump where the
-    curve does. An error of the baseline moves the tip position as well.
+    points and the noise of force and height; the contact point, the baseline and its tilt over the
+    height are parameters too. Both segments have a baseline each, unless the retraction has not
+    detached, and the drift of the heights is another parameter, unless the correction has left it
+    as hysteresis. As `jaxstab.FarDisplacement` the load is the tip position, so that the fit passes
+    jumps that a soft cantilever makes; as `jaxstab.Spring` it is the height, and the contact must
+    jump where the curve does. An error of the baseline moves the tip position as well.
 
     Arguments:
         contact: the contact with the parameters to start from.

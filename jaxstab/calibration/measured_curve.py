@@ -71,11 +71,13 @@ def means_of(
     """Return what is fitted to a force curve, which is corrected first unless it is already.
 
     Means over equal steps of the height do for all of their points, as long as the curve is
-    straight within a step; none extends over a jump of the tip. An error of the force moves the
-    tip position too, and the force of the contact with it. Where the slope of the tip position
-    over the height is s, this makes the misfit 1 / s times larger, so for a `FarDisplacement` the
-    weights are the numbers of points times s^2. What is left of a baseline moves the tip position
-    as well, by the compliance of the cantilever.
+    straight within a step; none extends over a jump of the tip. The weights follow from the noise
+    of what is measured: e of the force by the deflection, and z of the height. Where the slope of
+    the tip position over the height is s, the force falls by k (1 - s) over the height, so that the
+    variance of a force at a height is e^2 + (k (1 - s) z)^2. Both errors move the tip position
+    too, and the force of the contact with it: for a `FarDisplacement` the variance is 1 / s^2 times
+    larger. What is left of a baseline moves the tip position as well, by the compliance of the
+    cantilever.
 
     Each segment has a baseline of its own, unless the retraction has not detached. How far the
     heights drift between two segments follows from the fit to both, unless the correction has left
@@ -227,7 +229,9 @@ def _means(
     tip = segment.tip_position[numbers]
     force = segment.force[numbers]
 
-    noise = line.noise / constant
+    # Of heights, and of tip positions.
+    height_noise = _noise_of(height)
+    noise = float(np.hypot(line.noise / constant, height_noise))
     steps = np.median(np.abs(np.diff(height)))
     is_jump = np.abs(np.diff(tip)) > _NOISES * noise + _STEPS * steps
     runs = np.append(0, np.cumsum(is_jump))
@@ -272,12 +276,14 @@ def _means(
         groups[worst : worst + 1] = np.array_split(groups[worst], 2)
     run = run[[group[0] for group in groups]]
     heights, tips, forces, times = np.transpose(means)
-    weights = count / line.noise**2
+    slope = np.ones_like(tips)
+    for same in (run == number for number in np.unique(run)):
+        if np.sum(same) > 1:
+            slope[same] = np.gradient(tips[same], heights[same])
+    slope = np.clip(slope, _LEAST_SLOPE, 1)
+    weights = count / (line.noise**2 + (constant * (1 - slope) * height_noise) ** 2)
     if not is_spring:
-        for same in (run == number for number in np.unique(run)):
-            if np.sum(same) > 1:
-                slope = np.gradient(tips[same], heights[same])
-                weights[same] *= np.clip(slope, _LEAST_SLOPE, 1) ** 2
+        weights *= slope**2
     columns = np.stack([heights, tips, forces, weights, times])
     if not is_down:
         columns = columns[:, ::-1]
@@ -285,6 +291,14 @@ def _means(
     repeated = np.repeat(columns[:, -1:], max(most - len(groups), 0), axis=1)
     repeated[3] = 0
     return Columns(*np.concatenate([columns, repeated], axis=1))
+
+
+def _noise_of(height: np.ndarray) -> float:
+    """Return the standard error of a height, from second differences, which a ramp has not.
+
+    Their variance is six times that of the heights; the median is not that of missing points.
+    """
+    return float(1.4826 * np.median(np.abs(np.diff(height, 2))) / np.sqrt(6))
 
 
 def _reach(height: np.ndarray, force: np.ndarray, noise: float) -> float:

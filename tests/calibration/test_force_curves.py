@@ -129,6 +129,41 @@ def test_means_lie_on_the_law_with_errors_as_their_weights_say(kind):
     assert abs(mean) < 0.3
 
 
+@pytest.mark.parametrize("kind", [js.FarDisplacement, js.Spring])
+@pytest.mark.parametrize(("constant", "height_noise"), [(0.5, 0.5), (5.0, 0.3), (20.0, 0.1)])
+def test_weights_allow_for_the_noise_of_the_height(kind, constant, height_noise):
+    """The force of a stiff sample changes with the height as that of the cantilever."""
+    indentation, force = synthetic.hertz()
+    height = -indentation - force / constant
+    contacts, free = [], []
+    for seed in range(5):
+        curve = synthetic.recorded(
+            (indentation, force),
+            seed,
+            constant=constant,
+            height_noise=height_noise,
+            contact=0.0,
+            drift=0.0,
+            tilt=0.0,
+            offsets=(0.0, 0.0),
+        )
+        found = means_of(contact(), kind, curve, "approach", 20)
+        point = curve.corrected().correction.contact_point
+        if kind is js.Spring:
+            position = np.asarray(found.zeros.heights) + point
+            exact = np.interp(position, height[::-1], force[::-1])
+        else:
+            exact = np.interp(-(np.asarray(found.load.value) + point), indentation, force)
+        scaled = (found.forces - exact) * np.sqrt(found.weights) / found.noise
+        is_free = exact < 0.1
+        contacts.append(scaled[~is_free & (found.weights > 0)])
+        free.append(scaled[is_free & (found.weights > 0)])
+    # Beside what is left of the baseline, which all means of a curve have in common.
+    spread = np.sqrt(np.mean([np.var(one) for one in contacts]))
+    assert 0.6 < spread < 1.4, spread
+    assert np.sqrt(np.mean(np.concatenate(free) ** 2)) < 1.5
+
+
 def test_means_beside_a_sharp_minimum_lie_on_the_law_within_their_errors(law):
     """The force bends there within the points of one of 40 means, which are then divided."""
     fine = np.linspace(law[0][0], law[0][-1], 20000)
