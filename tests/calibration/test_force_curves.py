@@ -407,6 +407,22 @@ def test_a_first_guess_is_near_for_clipped_digitised_and_exact_forces():
         js.first_guess(coarse, RADIUS, 0.0)
 
 
+@pytest.mark.parametrize("tail", [0.05, -0.05])
+@pytest.mark.filterwarnings("ignore::jaxstab.FitWarning")
+def test_a_first_guess_of_a_soft_sample_is_near_beside_a_weak_tail(tail):
+    """A bead of 18.6 um on a gel of 12 kPa, in um and nN, whose force begins 1 um away."""
+    indentation = np.linspace(-12, 1, 20000)
+    stiffness = 4 / 3 * 16.0 * np.sqrt(18.6)
+    force = stiffness * np.maximum(indentation, 0) ** 1.5
+    force += tail * np.exp(np.minimum(indentation, 0))
+    curve = synthetic.recorded(
+        (indentation, force), 0, constant=11.6, noise=0.008, tilt=0.0, drift=0.0, reach=20.0
+    )
+    curve = replace(curve, unit="µm")
+    guess = js.first_guess(curve, 18.6, 0.5, segment="approach", points=8, pressure_unit="kPa")
+    assert abs(guess.solid.youngs_modulus / 12 - 1) < 0.25
+
+
 @pytest.mark.parametrize("factor", [1e-3, 1.0, 1e3])
 def test_a_radius_in_another_unit_than_the_curve_is_noticed(factor):
     """A bead of 5 um on a cantilever of 0.5 N/m, which presses it in by 8 nm."""
