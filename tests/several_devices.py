@@ -78,6 +78,14 @@ def window(grid):
     return {"window": displacement, "whole_on_window": whole((displacement, solid.padded))}
 
 
+def gap_of_placed(grid, sharding):
+    """Return the gap of heights that are on a mesh with explicit axes, as given by its user."""
+    contact = contact_on(grid)
+    placed = jax.device_put(np.asarray(contact.heights), sharding)
+    contact = js.Contact(contact.solid, placed, contact.potential)
+    return js.equilibrate(contact, *load_and_solver(), initial=np.ones((N, N))).gap
+
+
 def programs(grid):
     """Return the texts of the programs of an equilibrium and of an eigenvalue."""
     contact = contact_on(grid)
@@ -126,6 +134,7 @@ def main(path, *process):
         found = between_processes(grid)
     else:
         found = state(grid) | swept(grid) | window(grid) | programs(grid)
+        found["explicit"] = gap_of_placed(grid, sharding)
         found["refused"] = refusal(lambda: js.Grid(count + 1, sharding=sharding))
     np.savez(path, **found)
 

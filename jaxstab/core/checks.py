@@ -17,6 +17,7 @@ import jax
 import jax.core
 import jax.numpy as jnp
 import numpy as np
+from jax.sharding import AxisType, Mesh, NamedSharding
 from jax.typing import DTypeLike
 from jaxtyping import Array, Float, PyTree
 
@@ -73,6 +74,51 @@ def as_array(value: ArrayLike | np.generic | list, dtype: DTypeLike | None = Non
     if isinstance(value, jax.Array):
         return value
     return array(value, dtype)
+
+
+def has_explicit_axes(mesh: Any) -> bool:
+    """Whether a mesh has axes over which each operation states the sharding of its result."""
+    return AxisType.Explicit in mesh.axis_types
+
+
+def require_no_explicit_mesh() -> None:
+    """Raise `ValueError` where the mesh in use, as by `jax.set_mesh`, has explicit axes."""
+    mesh = jax.sharding.get_abstract_mesh()
+    if has_explicit_axes(mesh):
+        raise ValueError(
+            f"The mesh in use has the explicit axes {mesh.axis_names}, on which the operations of "
+            "jaxstab would have to state the sharding of each result: call it outside of "
+            "`with jax.set_mesh(mesh)`, and give the mesh to the grid, as in jaxstab.Grid(n, "
+            'sharding=jax.sharding.NamedSharding(mesh, jax.sharding.PartitionSpec("x"))); or make '
+            "the mesh with axis_types=(jax.sharding.AxisType.Auto,)."
+        )
+
+
+def with_automatic_axes(value: Array, name: str) -> Array:
+    """Return an array where it is, on axes over which the compiler propagates shardings.
+
+    Raises:
+        ValueError: for a traced array on a mesh with explicit axes, and as
+            `require_no_explicit_mesh`.
+    """
+    if not has_explicit_axes(jax.typeof(value).sharding.mesh):
+        return value
+    if is_traced(value):
+        raise ValueError(
+            f"{name} is traced, and sharded over the explicit axes of a mesh: outside of jax.jit "
+            "jaxstab takes it as it is; for use in jax.jit make the mesh with "
+            "axis_types=(jax.sharding.AxisType.Auto,)."
+        )
+    require_no_explicit_mesh()
+    assert isinstance(value.sharding, NamedSharding)
+    return jax.device_put(value, with_automatic_mesh(value.sharding))
+
+
+def with_automatic_mesh(sharding: NamedSharding) -> NamedSharding:
+    """Return a sharding of a known mesh over axes that the compiler propagates."""
+    mesh = sharding.mesh
+    assert isinstance(mesh, Mesh)
+    return NamedSharding(Mesh(mesh.devices, mesh.axis_names), sharding.spec)
 
 
 def parameter(value: object, name: str = "A parameter") -> Float[Array, "..."]:
@@ -135,6 +181,8 @@ def numbers(value: object, name: str) -> Float[Array | np.ndarray, "..."]:
     given = in_words(value)
     if not isinstance(value, jax.Array):
         require_no_unit(value, name)
+    if isinstance(value, jax.Array):
+        value = with_automatic_axes(value, name)
     if is_traced(value):
         value = jnp.asarray(value)
     elif not isinstance(value, jax.Array):

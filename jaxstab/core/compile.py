@@ -12,7 +12,7 @@ from typing import Any, ParamSpec, TypeVar
 
 import jax
 
-from jaxstab.core.checks import is_transformed
+from jaxstab.core.checks import is_transformed, require_no_explicit_mesh
 from jaxstab.core.control_flow import by_entries, has_accelerator
 
 # Linux gives a process 65 530 memory mappings, of which a compiled program takes hundreds. LLVM
@@ -72,6 +72,7 @@ def _one_of(inside: Callable[Given, Out], outside: Callable[Given, Out]) -> Call
     @wraps(outside)
     @own_conventions()
     def call(*args: Given.args, **kwargs: Given.kwargs) -> Out:
+        require_no_explicit_mesh()
         if is_transformed((args, kwargs)):
             return inside(*args, **kwargs)
         return outside(*args, **kwargs)

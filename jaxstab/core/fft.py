@@ -10,9 +10,10 @@ from collections.abc import Callable
 
 import jax
 import jax.numpy as jnp
-from jax.sharding import AbstractMesh, Mesh, NamedSharding, PartitionSpec
+from jax.sharding import AbstractMesh, NamedSharding, PartitionSpec
 from jaxtyping import Array, Complex
 
+from jaxstab.core.checks import with_automatic_mesh
 from jaxstab.core.types import Field
 
 
@@ -79,8 +80,7 @@ def checked(sharding: object, shape: tuple[int, ...]) -> NamedSharding:
             "a multiple."
         )
     # With explicit axes every operation would have to state the sharding of its result.
-    mesh = Mesh(sharding.mesh.devices, sharding.mesh.axis_names)
-    return NamedSharding(mesh, PartitionSpec(first))
+    return NamedSharding(with_automatic_mesh(sharding).mesh, PartitionSpec(first))
 
 
 def _on_parts(

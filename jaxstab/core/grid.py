@@ -18,7 +18,15 @@ from jax.sharding import NamedSharding, PartitionSpec
 from jaxtyping import Array, Complex, Float, Shaped
 
 from jaxstab.core import fft
-from jaxstab.core.checks import as_array, concrete, integer, is_traced, parameter, require_positive
+from jaxstab.core.checks import (
+    as_array,
+    concrete,
+    integer,
+    is_traced,
+    parameter,
+    require_no_explicit_mesh,
+    require_positive,
+)
 from jaxstab.core.control_flow import on_platform
 from jaxstab.core.display import inline
 from jaxstab.core.types import ArrayLike, Field, Mask, Scalar
@@ -145,6 +153,7 @@ class Grid(Mesh):
         *,
         sharding: NamedSharding | None = None,
     ):
+        require_no_explicit_mesh()
         numbers: Any = shape
         if not (isinstance(shape, Sequence) or np.ndim(shape) > 0):
             numbers = (shape, shape)
@@ -208,6 +217,7 @@ class Grid(Mesh):
 
     def device_put(self, field: Shaped[Array | np.ndarray, "..."]) -> Shaped[Array, "..."]:
         """Put a field, a stack of fields or a spectrum on the grid's devices."""
+        require_no_explicit_mesh()
         if self.sharding is None:
             return as_array(field)
         leading = (None,) * (field.ndim - len(self.shape))

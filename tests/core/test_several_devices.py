@@ -11,7 +11,7 @@ import jax
 import numpy as np
 import pytest
 import several_devices as script
-from jax.sharding import AbstractMesh, NamedSharding, PartitionSpec
+from jax.sharding import AbstractMesh, AxisType, NamedSharding, PartitionSpec
 
 import jaxstab as js
 
@@ -64,6 +64,7 @@ def test_a_contact_on_eight_devices_is_that_on_one(found):
     assert_close(eight["derivatives"], single["derivatives"])
     assert_close(eight["swept"], single["swept"])
     assert_close(eight["window"], single["window"])
+    assert_close(eight["explicit"], single["fields"][1])
     assert eight["verdict"] == single["verdict"] == "stable"
     # The residual is rounding.
     ours, theirs = (str(each["shown"]).split("residual")[0] for each in (eight, single))
@@ -127,6 +128,62 @@ def test_the_spectrum_of_a_spread_field_is_that_of_numpy(shape):
 def test_a_sharding_that_no_grid_can_have_is_refused(shape, sharding, message):
     with pytest.raises((ValueError, TypeError), match=message):
         js.Grid(shape, sharding=sharding)
+
+
+def on(grid, heights):
+    return js.Contact(js.HalfSpace(grid, 1.0), heights, js.potentials.Exponential(0.02, 0.1))
+
+
+def explicit():
+    """Return a plain grid, heights on it, and the same on a mesh as `jax.make_mesh` makes it."""
+    grid = js.Grid(8)
+    heights = js.surfaces.self_affine(grid, jax.random.key(0), k_high=2, rms_height=0.1)
+    placed = jax.device_put(heights, on_one_device("x"))
+    assert AxisType.Explicit in jax.typeof(placed).sharding.mesh.axis_types
+    return grid, heights, placed
+
+
+def test_heights_on_a_mesh_with_explicit_axes_are_heights_as_others():
+    grid, heights, placed = explicit()
+    load = js.MeanGap(0.12)
+    found, expected = (js.equilibrate(on(grid, field), load) for field in (placed, heights))
+    np.testing.assert_allclose(found.gap, expected.gap, atol=1e-12)
+    again = js.equilibrate(on(grid, heights), load, initial=placed - placed + 0.1)
+    np.testing.assert_allclose(again.gap, expected.gap, atol=1e-8)
+    spread = js.Grid(8, sharding=on_one_device("x"))
+    contact = on(spread, placed)
+    assert contact.heights.sharding == spread.sharding
+    np.testing.assert_array_equal(contact.heights, heights)
+    with pytest.raises(ValueError, match=r"array of heights is traced, .* explicit axes.*AxisType"):
+        jax.jit(lambda field: on(grid, field).heights)(placed)
+
+
+def test_calls_in_a_mesh_with_explicit_axes_are_refused_with_the_cure():
+    grid, heights, placed = explicit()
+    contact = on(grid, heights)
+    load = js.MeanGap(0.12)
+    state = js.equilibrate(contact, load)
+    mesh = jax.make_mesh((1,), ("x",))
+    calls = [
+        lambda: js.Grid(8, sharding=NamedSharding(mesh, PartitionSpec("x"))),
+        lambda: js.surfaces.self_affine(grid, jax.random.key(0), k_high=2, rms_height=0.1),
+        lambda: on(grid, heights),
+        lambda: on(grid, placed),
+        lambda: js.equilibrate(contact, load),
+        lambda: js.assess_stability(contact, state),
+        lambda: js.pull_off(contact),
+        lambda: jax.jit(lambda gap: js.equilibrate(contact, js.MeanGap(gap)).gap)(0.12),
+    ]
+    message = r"explicit axes \('x',\).*outside of.*AxisType.Auto"
+    with jax.set_mesh(mesh):
+        assert "MeanGap" in repr(state)
+        for call in calls:
+            with pytest.raises(ValueError, match=message):
+                call()
+    mesh = jax.make_mesh((1,), ("x",), axis_types=(AxisType.Auto,))
+    with jax.set_mesh(mesh):
+        again = js.equilibrate(contact, load)
+    np.testing.assert_allclose(again.gap, state.gap, atol=1e-12)
 
 
 @pytest.mark.nightly
