@@ -372,7 +372,7 @@ def _of_surface(results: Results) -> list[tuple[Axes, str]]:
     return drawn
 
 
-def _energies(results: Results, loop: js.Path) -> list[tuple[str, str]]:
+def _energies(results: Results, loop: js.results.Path) -> list[tuple[str, str]]:
     contact = results.contact
     energies = (loop.dissipation, loop.unlocated, loop.unlocated_error)
     lost, small, error = (float(energy / contact.area) for energy in energies)
@@ -391,7 +391,7 @@ def _energies(results: Results, loop: js.Path) -> list[tuple[str, str]]:
     return rows
 
 
-def _of_loop(loop: js.Path) -> list[tuple[Axes, str]]:
+def _of_loop(loop: js.results.Path) -> list[tuple[Axes, str]]:
     gaps = np.asarray(loop.equilibrium.mean_gap)
     touches = np.asarray(loop.equilibrium.contact_area) > 0
     last = _SHOWN * gaps[touches].max(initial=gaps.min())
@@ -404,7 +404,7 @@ def _of_loop(loop: js.Path) -> list[tuple[Axes, str]]:
     return drawn
 
 
-def _jumps(loop: js.Path) -> tuple[list[list[str]], list[str]]:
+def _jumps(loop: js.results.Path) -> tuple[list[list[str]], list[str]]:
     losses = np.asarray(loop.jumps.dissipation).tolist()
     units = loop.equilibrium.units
     rows = []

@@ -53,7 +53,7 @@ class LoadedState:
     """An equilibrium under a mean pressure, its patches and its stability."""
 
     equilibrium: Equilibrium
-    patches: js.Patches
+    patches: js.results.Patches
     stability: Stability
 
 
@@ -72,7 +72,7 @@ class Tension:
     value: float
     error: float
     range: float
-    extrapolation: js.Extrapolation | None = None
+    extrapolation: js.results.Extrapolation | None = None
     refusal: str = ""
 
 
@@ -132,7 +132,7 @@ class Results:
     treated: list[Treated] | None = None
     longer: CriticalLoad | None = None
     coarser: CriticalLoad | None = None
-    loop: js.Path | None = None
+    loop: js.results.Path | None = None
 
     @property
     def error_by_edges(self) -> float:
@@ -185,7 +185,7 @@ def results_of(options: argparse.Namespace) -> Iterator[Results]:
     coarser = surface.resampled([max(2, -(-points // 2)) for points in surface.grid.shape])
     coarse_solid = js.HalfSpace(coarser.grid, options.modulus, options.poisson_ratio)
     # A coarser grid is its purpose.
-    with warnings.catch_warnings(action="ignore", category=js.ResolutionWarning):
+    with warnings.catch_warnings(action="ignore", category=js.exceptions.ResolutionWarning):
         known = replace(known, coarser=pull_off(js.Contact(coarse_solid, coarser, law)))
     yield known
     assert known.states is not None
@@ -288,7 +288,7 @@ def _loop(
     solid: js.HalfSpace,
     law: js.potentials.Exponential,
     pressed: Equilibrium,
-) -> js.Path:
+) -> js.results.Path:
     """Return the path from separation to the mean gap of a state, and back."""
     heights = np.asarray(contact.heights)
     # The solid is stretched less than under a flat punch as wide as the cell, which lets go at the
@@ -340,7 +340,7 @@ def _tension(known: Results, pull_off_of: _PullOffs) -> Tension:
     ranges = _RATIOS * float(js.resolved_range(contact, _RESOLVED))
     try:
         found = js.extrapolate(tension, contact, ranges=ranges, to=known.range)
-    except js.SolverError as error:
+    except js.exceptions.SolverError as error:
         return Tension(computed, math.nan, length, refusal=str(error))
     return Tension(float(found.value), float(found.error), known.range, found)
 
