@@ -62,7 +62,7 @@ def test_points_counted_by_coordinates_are_no_lengths_in_a_unit(tmp_path, capsys
 
 
 def test_what_to_cite_is_said(capsys):
-    main(["cite", "PolonskyKeerRey", "--bibtex"])
+    main(["cite", "solvers.PolonskyKeerRey", "--bibtex"])
     assert "@article" in capsys.readouterr().out
     main(["cite", "jaxstab.potentials.Dugdale"])
     assert "Yielding of steel sheets" in capsys.readouterr().out
