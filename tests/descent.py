@@ -5,7 +5,7 @@ from jaxtyping import Array
 import jaxstab as js
 
 
-class Descent(js.solvers.EquilibriumSolver):
+class Descent(js.EquilibriumSolver):
     """Steps down the net pressure, as long as the stiffest wave allows."""
 
     tolerance: Array = 1e-8

@@ -10,7 +10,7 @@ import pytest
 
 import jaxstab as js
 from jaxstab import plots
-from jaxstab.core.units import Units, measured, unit_symbol
+from jaxstab.core.units import Units, unit_symbol
 
 
 def flat(unit=None, heights=None, length=1e-6):
@@ -40,25 +40,12 @@ def test_plain_heights_can_have_a_unit_and_a_topography_brings_its_own():
 def test_the_names_that_python_lists_are_the_public_ones():
     names = dir(js)
     assert names == js.__all__
-    assert {"plots", "potentials", "references", "surfaces", "results"} <= set(names)
+    assert {"plots", "potentials", "references", "surfaces", "files"} <= set(names)
     private = {module.name for module in iter_modules(js.__path__)} - set(js.__all__)
     assert "core" in private and not private & set(names)
     assert "import_module" not in names and all(hasattr(js, name) for name in names)
-    rooms = [js.exceptions, js.plots, js.potentials, js.references, js.results, js.solids]
-    for room in [*rooms, js.solvers, js.surfaces]:
+    for room in (js.files, js.plots, js.potentials, js.references, js.surfaces):
         assert dir(room) == sorted(room.__all__)
-
-
-def test_the_root_holds_sixty_names_and_says_where_others_are():
-    assert len(js.__all__) <= 60
-    rooms = [js.results, js.solvers, js.exceptions, js.solids]
-    classes = {name: room for room in rooms for name in room.__all__ if name not in js.__all__}
-    assert {"Path", "Davidson", "SolverError", "Spectral"} <= set(classes)
-    for name, room in classes.items():
-        with pytest.warns(DeprecationWarning, match=rf"{name} is now {room.__name__}\.{name}\."):
-            assert getattr(js, name) is getattr(room, name)
-    with pytest.raises(AttributeError, match="Paths"):
-        _ = js.Paths
 
 
 def test_a_file_in_metres_has_si_units_and_si_numbers(tmp_path):
@@ -100,17 +87,17 @@ def test_a_file_in_metres_has_si_units_and_si_numbers(tmp_path):
     ],
 )
 def test_a_value_reads_with_the_prefix_that_suits_it(unit, value, text):
-    assert measured(Units.checked(unit, None), value, "energy") == text
+    assert Units.checked(unit, None).text(value, "energy") == text
 
 
 def test_no_prefix_is_hidden_or_raised_to_a_power():
-    assert measured(Units("m", "Pa"), 1.23e-6, "length/time") == "1.23e-06"
+    assert Units("m", "Pa").text(1.23e-6, "length/time") == "1.23e-06"
     # A conductance is one over the resistivity that the user gave.
-    assert measured(Units("m", "Pa"), 1.23e-6, "length/resistivity") == "1.23 µm/resistivity"
-    assert measured(Units(), 1.23e-6, "length/resistivity") == "1.23e-06"
+    assert Units("m", "Pa").text(1.23e-6, "length/resistivity") == "1.23 µm/resistivity"
+    assert Units().text(1.23e-6, "length/resistivity") == "1.23e-06"
     # The square of 1 MPa µm^2 = 1e-6 N.
     assert unit_symbol(Units("µm", "MPa"), "force^2") == "1e-12 N^2"
-    assert measured(Units("m", "Pa"), 3e-12, "force^2") == "3e-12 N²"
+    assert Units("m", "Pa").text(3e-12, "force^2") == "3e-12 N²"
 
 
 # In SI units by hand: 1 MPa µm^2 = 1e6 * 1e-12 N, and so on. The last is no power of a thousand.
@@ -178,6 +165,13 @@ def test_tables_show_the_units_of_the_contact():
         assert all(line in text for line in lines), text
 
 
+def test_an_error_has_one_digit_and_the_unit_of_its_number():
+    units = Units("m", "Pa")
+    assert units.text(3214.0, "pressure", error=38.0) == "3.21 ± 0.04 kPa"
+    assert units.text(2e-4, "energy/area", error=0.0123) == "0.2 ± 10 mJ/m²"
+    assert Units().text(3214.0, "pressure", error=38.0) == "3.21e+03 ± 40"
+
+
 def test_forces_and_energies_are_shown_in_the_units_that_were_chosen():
     contact = small_contact()
     parts = contact.solid, contact.heights, contact.potential
@@ -193,10 +187,10 @@ def test_forces_and_energies_are_shown_in_the_units_that_were_chosen():
     assert unit == "aJ" and js.to_dataset(chosen, state).energy.units == "pJ"
     # By hand: 1 MPa µm^2 is 1 µN, and a strip of a line has 1 MPa µm = 1 N/m.
     pinned = Units("µm", "MPa", force="kN", energy="fJ")
-    assert measured(pinned, 5e12, "force") == "5e+03 kN"
-    assert measured(pinned, 2.0, "energy") == "2e+03 fJ"
-    assert measured(pinned, 2.0, "energy/area") == "2 J/m²"
-    assert measured(pinned._replace(sides=1), 2e3, "force") == "2 kN/m"
+    assert pinned.text(5e12, "force") == "5e+03 kN"
+    assert pinned.text(2.0, "energy") == "2e+03 fJ"
+    assert pinned.text(2.0, "energy/area") == "2 J/m²"
+    assert pinned._replace(sides=1).text(2e3, "force") == "2 kN/m"
 
 
 @pytest.mark.parametrize(

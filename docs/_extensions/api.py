@@ -21,7 +21,6 @@ from public_names import (
     PACKAGE,
     definition,
     everything,
-    full_name,
     is_inside,
     name_of,
     names_of,
@@ -157,9 +156,9 @@ class _Linked(ast.NodeTransformer):
         if getattr(meant, "__module__", None) == "jaxtyping" and "[" in meant.__name__:
             shape = re.sub(r"\[[\w.]+,", "[Array,", meant.__name__)
             return ast.parse(shape, mode="eval").body
-        top = full_name(node.id)
+        top = f"{PACKAGE}.{node.id}"
         full = name_of(meant)
-        if full is None and top is not None:
+        if full is None and top in everything():
             # What is imported for types only is not there; another `Path` is another thing.
             full = top if meant is None else f"{meant.__module__}.{meant.__qualname__}"
         full = _STATE if full is None and node.id == "State" else full
@@ -169,9 +168,10 @@ class _Linked(ast.NodeTransformer):
         """Return a name in quotes without them, and shapes without the space before them."""
         if not isinstance(node.value, str):
             return node
-        if full_name(node.value):
-            return self.visit_Name(ast.Name(node.value))
-        return ast.Constant(node.value.strip())
+        is_name = f"{PACKAGE}.{node.value}" in everything()
+        return (
+            self.visit_Name(ast.Name(node.value)) if is_name else ast.Constant(node.value.strip())
+        )
 
 
 def _construction(item: type) -> str:
@@ -241,8 +241,8 @@ def _fields(kind: str, lines: list[str], context: str) -> Iterator[str]:
         names, _, text = " ".join(entry.split()).partition(": ")
         for name in names.split(", "):
             if kind == "raises":
-                full = full_name(name)
-                name = f"~{full}" if full else name
+                full = f"{PACKAGE}.{name}"
+                name = f"~{full}" if full in everything() else name
             yield f":{kind} {name}: {_inline(text, context)}"
 
 
@@ -260,10 +260,9 @@ def _inline(text: str, context: str) -> str:
 def _linked(code: str, context: str) -> str:
     name = re.sub(r"^(jaxstab|js)\.|\(\)$", "", code)
     if code not in _argument_names(context):
-        beside = f"{context.rpartition('.')[0]}.{name}"
-        full = full_name(name) or (beside if beside in everything() else None)
-        if full:
-            return f"{{py:obj}}`{code} <{full}>`"
+        for full in (f"{PACKAGE}.{name}", f"{context.rpartition('.')[0]}.{name}"):
+            if full in everything():
+                return f"{{py:obj}}`{code} <{full}>`"
     return f"`{code}`"
 
 

@@ -23,7 +23,6 @@ from jaxstab.core.units import (
     PRESSURE,
     Dimensioned,
     Units,
-    measured,
 )
 from jaxstab.equilibrium.equilibrium import PressedSurface
 from jaxstab.loads import Load
@@ -137,7 +136,7 @@ class StateSequence(Dimensioned):
         """The first and the last load and the number of states, in words."""
         loads = np.asarray(self.load.value)
         units = self.equilibrium.units
-        first, last = (measured(units, loads[i], self.load.unit, digits=6) for i in (0, -1))
+        first, last = (units.text(loads[i], self.load.unit, digits=6) for i in (0, -1))
         return f"{type(self.load).__name__} {first} to {last} in {several(loads.size, 'state')}"
 
 

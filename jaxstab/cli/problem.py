@@ -13,12 +13,10 @@ from jaxstab import loads, potentials, surfaces
 from jaxstab.cli.options import LOADS, OF_A_FILE, SPECTRUM
 from jaxstab.contact import Contact
 from jaxstab.core.grid import Grid
-from jaxstab.core.warn import warn
 from jaxstab.files import load
 from jaxstab.files.dataset import Result
 from jaxstab.potentials.profile import innermost_gap
 from jaxstab.solids import HalfSpace
-from jaxstab.surfaces import faults
 
 
 def surface_of(path: Path, options: argparse.Namespace) -> surfaces.Topography:
@@ -45,23 +43,11 @@ def contact_of(options: argparse.Namespace) -> Contact:
 
 def topography_of(path: Path, options: argparse.Namespace) -> surfaces.Topography:
     """Return the surface of a file, without trend and gaps."""
-    topography = levelled(surface_of(path, options), options.detrend)
+    topography = surface_of(path, options).levelled(options.detrend)
     if options.periodic:
         topography = topography.periodic(options.periodic)
     # Default loads are gaps and displacements alike, which needs heights of zero mean.
     return topography.detrended(0)
-
-
-def levelled(topography: surfaces.Topography, order: int) -> surfaces.Topography:
-    """Return a surface without trend and gaps, and warn of points that look wrong."""
-    # Filled before, a gap at the edge of a tilted map would be level, and a summit or a pit.
-    topography = topography.detrended(order)
-    if topography.num_missing:
-        fraction = topography.num_missing / topography.heights.size
-        warn(f"{100 * fraction:.3g} % of the points were missing and have been filled.")
-        topography = topography.filled()
-    faults.warn(faults.lone_points(topography.heights))
-    return topography
 
 
 def _potential(options: argparse.Namespace) -> potentials.Potential:

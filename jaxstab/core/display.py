@@ -23,7 +23,6 @@ from jaxstab.core.units import (
     Units,
     chosen_unit,
     dimensions,
-    measured,
     on_grid,
     shown_unit,
 )
@@ -49,7 +48,7 @@ def block(self: eqx.Module) -> str:
     rows = {name: value for name, value in _texts(self, units) if value != "None"}
     for name in getattr(self, "derived", ()):
         with suppress(*UNREADABLE):
-            rows[name] = measured(units, float(getattr(self, name)), name, digits=6)
+            rows[name] = units.text(float(getattr(self, name)), name, digits=6)
     width = max(map(len, rows), default=0)
     return "\n".join([type(self).__name__, *(f"  {k:<{width}}  {v}" for k, v in rows.items())])
 

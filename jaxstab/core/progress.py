@@ -15,7 +15,6 @@ from jaxstab.core.checks import is_transformed, where_known
 # A step after this time shows a bar by itself, where somebody sees it [s].
 DELAY = 2.0
 _bars: list[tqdm] = []
-_places = [""]
 
 
 @contextmanager
@@ -34,7 +33,7 @@ def progress_bar(
     notebook, but not within another one, and does not stay. Where JAX transforms computations with
     the `inputs` none is shown.
     """
-    style: dict[str, Any] = {"desc": name + _places[-1]}
+    style: dict[str, Any] = {"desc": name}
     if shown is None:
         shown = is_watched() and not _bars
         style.update(delay=DELAY, leave=False)
@@ -46,16 +45,6 @@ def progress_bar(
             jax.effects_barrier()
         finally:
             _bars.remove(bar)
-
-
-@contextmanager
-def one_of_several(number: int, total: int) -> Iterator[None]:
-    """Add to the names of bars in the block which one of several similar computations they show."""
-    _places.append(f" {number} of {total}")
-    try:
-        yield
-    finally:
-        _places.pop()
 
 
 def is_watched() -> bool:

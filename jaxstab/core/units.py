@@ -126,6 +126,26 @@ class Units(NamedTuple):
             energy=_derived("energy", energy, _ENERGIES, unit, pressure),
         )
 
+    def text(
+        self, value: float, dimension: str, digits: int = 3, error: float | None = None
+    ) -> str:
+        """Return a number with a readable unit where it is known, as "36.2 fJ".
+
+        Arguments:
+            value: the number, in the units of length and pressure.
+            dimension: its dimension, as "energy/area".
+            digits: the number of its digits.
+            error: the error of the number, in the same units; it is shown to one digit, as
+                "3.21 ± 0.04 kPa".
+        """
+        largest = abs(value) if error is None else max(abs(value), error)
+        divisor, unit = readable_unit(self, dimension, largest)
+        shown = f"{value / divisor:.{digits}g}"
+        if error is not None:
+            # Without an exponent.
+            shown += f" ± {float(f'{error / divisor:.1g}'):g}"
+        return f"{shown} {shown_unit(unit)}".rstrip()
+
 
 NO_UNITS = Units()
 
@@ -354,12 +374,6 @@ def _chosen(units: Units, dimension: str) -> int | None:
     if dimension == ENERGY and units.energy is not None:
         return _ENERGIES[units.energy]
     return None
-
-
-def measured(units: Units, value: float, dimension: str, digits: int = 3) -> str:
-    """Return a value with a readable unit where it is known, as "36.2 fJ"."""
-    divisor, unit = readable_unit(units, dimension, abs(value))
-    return f"{value / divisor:.{digits}g} {shown_unit(unit)}".rstrip()
 
 
 def shown_unit(unit: str) -> str:

@@ -6,7 +6,7 @@ from jaxtyping import Array, Float
 from jaxstab.contact.contact import Contact
 from jaxstab.core.checks import concrete, is_readable, where_known
 from jaxstab.core.types import Scalar
-from jaxstab.core.units import PRESSURE, PRESSURES, measured
+from jaxstab.core.units import PRESSURE, PRESSURES
 from jaxstab.core.warn import warn
 from jaxstab.solids import FreeHalfSpace, HalfSpace, Viscoelastic
 
@@ -48,7 +48,7 @@ def warn_beyond_hardness(
     if share > _HARDNESS:
         warn(
             f"the mean pressure of the points in contact is {share:.1g} E*, with an E* of "
-            f"{measured(contact.units, modulus, PRESSURE)}: metals, ceramics and glassy polymers "
+            f"{contact.units.text(modulus, PRESSURE)}: metals, ceramics and glassy polymers "
             f"yield below {_HARDNESS:g} E*, so that their contact is larger and its pressure "
             "lower. There is no hardness in this model: press less, or take smoother heights.",
             ContactWarning,

@@ -17,7 +17,7 @@ from jaxstab.core.checks import require_kind
 from jaxstab.core.display import column
 from jaxstab.core.results import RESULTS
 from jaxstab.core.types import Field, Scalar
-from jaxstab.core.units import ENERGY, FORCE, LENGTH, NUMBER, PRESSURE, TIME, Dimensioned, measured
+from jaxstab.core.units import ENERGY, FORCE, LENGTH, NUMBER, PRESSURE, TIME, Dimensioned
 from jaxstab.equilibrium import Equilibrium
 from jaxstab.equilibrium.equilibrium import state_at
 from jaxstab.loads import Load, MeanDisplacement, MeanGap
@@ -205,7 +205,7 @@ class Evolution(Totals):
         columns |= measured_columns(balance, units, ENERGY)
         columns["steps"] = column(self.num_steps, str)
         extremes = [
-            f"largest {name} {measured(units, float(value), PRESSURE)} at time {float(time):.6g}"
+            f"largest {name} {units.text(float(value), PRESSURE)} at time {float(time):.6g}"
             for name, value, time in (
                 ("tension", self.largest_tension, self.largest_tension_time),
                 ("compression", self.largest_compression, self.largest_compression_time),

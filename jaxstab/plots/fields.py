@@ -14,7 +14,7 @@ from jaxstab.contact import Contact, require_contact
 from jaxstab.core.checks import integer, require, require_kind, require_shape
 from jaxstab.core.stack import require_single
 from jaxstab.core.types import Field, Mask
-from jaxstab.core.units import Units, measured
+from jaxstab.core.units import Units
 from jaxstab.equilibrium.equilibrium import State, found_equilibrium
 from jaxstab.plots.style import (
     BLACK,
@@ -38,7 +38,7 @@ def surface(contact: Contact, *, axes: Axes | None = None) -> Axes:
     # A large datum would cost their digits, and all ticks would be alike.
     label = "height h"
     if datum:
-        label += f" above {measured(contact.units, datum, 'length', digits=6)}"
+        label += f" above {contact.units.text(datum, 'length', digits=6)}"
     return _field(contact, contact.heights, f"{label} [length]", "cividis", axes)
 
 
@@ -104,7 +104,7 @@ def mode(
     """
     _require_mode(contact, pair)
     axes = draw_mode(contact, pair.mode, equilibrium, axes)
-    value = measured(contact.units, float(pair.eigenvalue), "pressure/length", digits=4)
+    value = contact.units.text(float(pair.eigenvalue), "pressure/length", digits=4)
     axes.set_title(rf"$\lambda$ = {value}")
     return axes
 
@@ -154,7 +154,7 @@ def mode_cut(
         _shade(axes, x[:, row], touches)
         add_legend(axes)
     label_axis(axes.xaxis, "x [length]", contact.units)
-    place = measured(contact.units, float(y[0, row]), "length", digits=4)
+    place = contact.units.text(float(y[0, row]), "length", digits=4)
     axes.set(ylabel=_MODE, title=f"at y = {place}")
     return axes
 

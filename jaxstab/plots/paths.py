@@ -13,7 +13,7 @@ from matplotlib.axis import XAxis, YAxis
 from jaxstab.branches import Branch, Turn
 from jaxstab.core.checks import require_kind, require_one_of
 from jaxstab.core.display import several
-from jaxstab.core.units import LENGTH, measured, readable_unit, shown_unit
+from jaxstab.core.units import LENGTH, readable_unit, shown_unit
 from jaxstab.loading import Observed, Path
 from jaxstab.loading.sweep import Sweep
 from jaxstab.plots.style import (
@@ -151,7 +151,7 @@ def _draw(path: Path, x: Quantity, y: Quantity, axes: Axes) -> Axes:
     is_loop = loads[0] == loads[-1] and np.isfinite(path.dissipation)
     if is_loop and (x, y) == quantities_or_default(path, None, None):
         axes.fill(there, across, color=grey(axes, 0.1), zorder=0)
-        lost = measured(units, float(path.jumps.dissipation.sum()), "energy", digits=4)
+        lost = units.text(float(path.jumps.dissipation.sum()), "energy", digits=4)
         axes.set_title(f"lost in {several(len(path.jumps), 'jump')}: {lost}")
     return axes
 

@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 from jaxstab.contact import Contact
 from jaxstab.core.checks import require_kind
 from jaxstab.core.stack import require_single
-from jaxstab.core.units import in_brackets, measured, readable_unit
+from jaxstab.core.units import in_brackets, readable_unit
 from jaxstab.equilibrium import Equilibrium
 from jaxstab.equilibrium.equilibrium import State, found_equilibrium
 from jaxstab.loads import MeanPressure
@@ -76,12 +76,12 @@ def _numbers(state: Equilibrium, stability: Stability) -> list[tuple[str, str]]:
     quantity = quantity_label("load", load).partition(" [")[0].split(" $")[0]
     text = f"{value:.4g}"
     if load.unit:
-        text = measured(units, value, load.unit, digits=4)
+        text = units.text(value, load.unit, digits=4)
     lines = [(quantity, text)]
     if state.is_window:
-        lines.append(("force", measured(units, float(state.force), "force", digits=4)))
+        lines.append(("force", units.text(float(state.force), "force", digits=4)))
     if not isinstance(load, MeanPressure):
-        lines.append(("mean pressure", measured(units, float(state.mean_pressure), "pressure")))
+        lines.append(("mean pressure", units.text(float(state.mean_pressure), "pressure")))
     lines += [
         ("contact area", f"{100 * float(state.contact_area):.1f} %"),
         ("", ""),
@@ -93,8 +93,8 @@ def _numbers(state: Equilibrium, stability: Stability) -> list[tuple[str, str]]:
     barrier = stability.barrier
     if np.isfinite(barrier.height):
         lines += [
-            ("barrier", measured(units, float(barrier.height), "energy")),
-            ("at amplitude", measured(units, float(barrier.amplitude), "length")),
+            ("barrier", units.text(float(barrier.height), "energy")),
+            ("at amplitude", units.text(float(barrier.amplitude), "length")),
         ]
     for part in (state, stability):
         if part.result != "successful":

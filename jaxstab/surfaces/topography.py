@@ -12,6 +12,7 @@ from jaxstab.core.checks import concrete, is_readable, require_one_of, where_kno
 from jaxstab.core.display import times
 from jaxstab.core.grid import Grid, require_grid, resample
 from jaxstab.core.units import converted, unit_of
+from jaxstab.core.warn import warn
 from jaxstab.surfaces import faults, processing
 from jaxstab.surfaces.arguments import (
     ROUNDING,
@@ -176,6 +177,40 @@ class Topography:
         return self._changed(
             f"{_TRENDS[order]} subtracted", heights=heights, is_periodic=is_periodic
         )
+
+    def levelled(self, order: int | None = None) -> "Topography":
+        """Subtract the trend and fill missing points, with a warning of these and of lone points.
+
+        Arguments:
+            order: of the trend, as in `detrended`. By default the edges decide: if they meet the
+                mean, if they meet without a tilt this tilt, otherwise the best plane.
+
+        Raises:
+            ValueError: for another order.
+        """
+        level = self
+        if order is None:
+            level = self._joined
+            order = 0 if level.edges_meet else 1
+        # Filled before, a gap at the edge of a tilted map would be level, and a summit or a pit.
+        level = level.detrended(order)
+        if level.num_missing:
+            share = 100 * level.num_missing / level.grid.size
+            warn(f"{share:.3g} % of the points were missing and have been filled.")
+            level = level.filled()
+        faults.warn(faults.lone_points(level.heights))
+        return level
+
+    @property
+    def _joined(self) -> "Topography":
+        """A tilted periodic surface without its tilt, any other surface as it is."""
+        if self.edges_meet:
+            return self
+        joined = self._changed(
+            "plane subtracted without which opposite edges meet",
+            heights=self.heights - faults.joining_plane(self.heights),
+        )
+        return joined if joined.edges_meet else self
 
     def in_unit(self, unit: str) -> "Topography":
         """Convert lengths and heights to another unit of length.

@@ -28,7 +28,7 @@ from jaxstab.core.checks import (
 from jaxstab.core.display import Outcome, several
 from jaxstab.core.roots import bisect
 from jaxstab.core.types import ArrayLike, Flag, Scalar
-from jaxstab.core.units import ENERGY, FORCE, PRESSURE, TIME, Dimension, measured
+from jaxstab.core.units import ENERGY, FORCE, PRESSURE, TIME, Dimension
 from jaxstab.equilibrium import Equilibrium, equilibrate
 from jaxstab.equilibrium.equilibrium import State, single_start
 from jaxstab.loading import follow, pull_off
@@ -156,13 +156,13 @@ class Detachment(Outcome):
     def __repr__(self) -> str:
         units = self.pull_off.units
         first, last = (
-            measured(units, float(value), PRESSURE, 6)
+            units.text(float(value), PRESSURE, 6)
             for value in (self.loads[0], self.pull_off.load.value)
         )
         lines = [
             f"Detachment: mean pressure {first}, pull-off without thermal motion at {last}",
             f"  mean life at {first}  {float(self.mean_life):.4g}",
-            f"  barrier there  {measured(units, float(self.barriers[0]), ENERGY)}, "
+            f"  barrier there  {units.text(float(self.barriers[0]), ENERGY)}, "
             f"{float(self.barriers[0] / self.thermal_energy):.4g} kT",
             f"  from {several(int(self.num_passes), 'computed barrier')}",
         ]

@@ -1,4 +1,5 @@
 import shlex
+import sys
 import warnings
 from html.parser import HTMLParser
 from itertools import pairwise, takewhile
@@ -10,9 +11,8 @@ import pytest
 
 import jaxstab as js
 from jaxstab.__main__ import main
-from jaxstab.cli import page
-from jaxstab.cli.options import read
-from jaxstab.cli.report_results import results_of
+from jaxstab.lab import page
+from jaxstab.lab.report_results import Arguments, results_of
 from jaxstab.surfaces.processing import trend
 
 MATERIAL = ["--modulus", "1e6", "--poisson-ratio", "0.4", "--work", "0.05"]
@@ -129,8 +129,10 @@ def test_a_report_states_what_was_done_and_the_command(made):
     assert any("Rey" in text and "Computational Mechanics" in text for text in shown.texts)
 
 
-def options_of(file, *arguments):
-    return read(["report", str(file), *SCAN, *MATERIAL, *arguments])[1]
+def results(file, **arguments):
+    scan = js.surfaces.read(file, (2.0, 1.5), "um")
+    names = ("range", "size", "detrend", "periodic")
+    return results_of(scan, Arguments(1e6, 0.05, 0.4, **(dict.fromkeys(names) | arguments)))
 
 
 def rough(size, rms=0.1):
@@ -161,22 +163,22 @@ WAVE = 0.1 * np.sin(2 * np.pi * np.arange(32) / 32)[:, None] * np.ones(32)
 @pytest.mark.parametrize(
     ("heights", "arguments", "treatment", "flat"),
     [
-        (PERIODIC, [], "as_is", PERIODIC),
-        (PERIODIC + np.linspace(0, 3, 32)[:, None], [], "as_is", PERIODIC),
+        (PERIODIC, {}, "as_is", PERIODIC),
+        (PERIODIC + np.linspace(0, 3, 32)[:, None], {}, "as_is", PERIODIC),
         # The best plane of one wave is no tilt.
-        (WAVE, [], "as_is", WAVE),
-        (WAVE + np.linspace(0, 3, 32)[:, None], [], "as_is", WAVE),
-        (np.zeros((8, 8)), [], "as_is", np.zeros((8, 8))),
-        (CUT, [], "mirror", None),
-        (CUT + np.linspace(0, 3, 32), [], "mirror", None),
-        (CUT, ["--periodic", "window"], "window", None),
-        (PERIODIC, ["--periodic", "window"], "window", PERIODIC),
+        (WAVE, {}, "as_is", WAVE),
+        (WAVE + np.linspace(0, 3, 32)[:, None], {}, "as_is", WAVE),
+        (np.zeros((8, 8)), {}, "as_is", np.zeros((8, 8))),
+        (CUT, {}, "mirror", None),
+        (CUT + np.linspace(0, 3, 32), {}, "mirror", None),
+        (CUT, {"periodic": "window"}, "window", None),
+        (PERIODIC, {"periodic": "window"}, "window", PERIODIC),
     ],
 )
 def test_only_a_scan_whose_edges_do_not_meet_is_treated(
     heights, arguments, treatment, flat, written
 ):
-    known = next(results_of(options_of(written(heights), *arguments)))
+    known = next(results(written(heights), **arguments))
     assert known.treatment == treatment
     # What was measured stays, whatever the treatment does to it.
     # A periodic surface keeps its waves whole, another one is less its best plane.
@@ -190,7 +192,7 @@ def test_only_a_scan_whose_edges_do_not_meet_is_treated(
 
 def test_measured_and_treated_values_stand_side_by_side(written, tmp_path, monkeypatch):
     file = written(CUT)
-    monkeypatch.setattr("jaxstab.cli.report_results.loaded_states", interrupt)
+    monkeypatch.setattr("jaxstab.lab.report_results.loaded_states", interrupt)
     page_file = tmp_path / "report.html"
     with pytest.raises(SystemExit) as stopped:
         command = ["report", str(file), *SCAN, *MATERIAL, "--periodic", "window"]
@@ -219,7 +221,7 @@ class Found(SimpleNamespace):
         super().__init__(
             result=js.RESULTS.successful,
             load=js.MeanPressure(-tension),
-            kind=js.results.KINDS.fold,
+            kind=js.KINDS.fold,
         )
 
 
@@ -227,10 +229,10 @@ class Found(SimpleNamespace):
     ("heights", "arguments", "error"),
     [
         # By points of the cell: mirrored 64, windowed 32, inner part 50.
-        (CUT, [], 0.12),
+        (CUT, {}, 0.12),
         # From 100 to 80 kPa.
-        (CUT, ["--periodic", "window"], 0.2),
-        (PERIODIC, [], 0.0),
+        (CUT, {"periodic": "window"}, 0.2),
+        (PERIODIC, {}, 0.0),
     ],
 )
 def test_the_error_contains_what_the_edges_change(heights, arguments, error, written, monkeypatch):
@@ -240,14 +242,13 @@ def test_the_error_contains_what_the_edges_change(heights, arguments, error, wri
         return Found(tensions[contact.grid.shape[0]])
 
     # At a range that the grid resolves.
-    options = options_of(written(heights), *arguments, "--size", "64", "--range", "4e-7")
-    if "window" in arguments or heights is PERIODIC:
-        options.size = 32
+    size = 32 if arguments or heights is PERIODIC else 64
+    stages = results(written(heights), **arguments, size=size, range=4e-7)
     monkeypatch.setattr(js, "pull_off", pull_off)
-    monkeypatch.setattr("jaxstab.cli.report_results.loaded_states", lambda *_: [])
+    monkeypatch.setattr("jaxstab.lab.report_results.loaded_states", lambda *_: [])
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
-        known = next(known for known in results_of(options) if known.treated is not None)
+        known = next(known for known in stages if known.treated is not None)
     assert known.error_by_edges == pytest.approx(error)
     said = [str(x.message) for x in caught if "opposite edges meet" in str(x.message)]
     assert len(said) == (error > 0)
@@ -264,11 +265,11 @@ def test_a_range_that_the_grid_does_not_resolve_is_never_computed(written, monke
         return Found(1e5 - 1e5 * (float(contact.potential.length) / 1e-6) ** 2)
 
     monkeypatch.setattr(js, "pull_off", pull_off)
-    monkeypatch.setattr("jaxstab.cli.report_results.loaded_states", lambda *_: [])
+    monkeypatch.setattr("jaxstab.lab.report_results.loaded_states", lambda *_: [])
     with pytest.warns(UserWarning, match="does not resolve a range of 1e-09 m: the pull"):
         *_, known = takewhile(
             lambda known: known.longer is None,
-            results_of(options_of(written(PERIODIC), "--range", "1e-9")),
+            results(written(PERIODIC), range=1e-9),
         )
     assert min(computed) > 3.99
     # The tensions fall as the square of the range, to 100 kPa at zero.
@@ -279,30 +280,30 @@ def test_a_range_that_the_grid_does_not_resolve_is_never_computed(written, monke
 @pytest.mark.parametrize(
     ("heights", "arguments", "message"),
     [
-        (np.eye(4), [], "has 4 x 4 points, too few for a roughness: give a scan of at least 8"),
-        (PERIODIC, ["--range", "0"], "The length of the potential is 0"),
+        (np.eye(4), {}, "has 4 x 4 points, too few for a roughness: give a scan of at least 8"),
+        (PERIODIC, {"range": 0.0}, "The length of the potential is 0"),
     ],
 )
 def test_what_has_no_report_is_said(heights, arguments, message, written):
     with pytest.raises(ValueError, match=message):
-        next(results_of(options_of(written(heights), *arguments)))
+        next(results(written(heights), **arguments))
 
 
 def test_heights_in_another_unit_are_told(written):
     with pytest.warns(UserWarning, match="hardly in one unit"):
-        next(results_of(options_of(written(1e-6 * PERIODIC))))
+        next(results(written(1e-6 * PERIODIC)))
 
 
 def test_a_spike_is_told(written):
     heights = PERIODIC.copy()
     heights[3, 5] = 5.0
     with pytest.warns(UserWarning, match="1 of 1024 heights stand out alone"):
-        next(results_of(options_of(written(heights))))
+        next(results(written(heights)))
 
 
 @pytest.mark.parametrize("heights", [np.zeros((8, 8)), np.sin(np.arange(16) * np.pi / 4)])
 def test_a_surface_without_a_spectrum_has_a_page(heights, written, tmp_path, monkeypatch):
-    monkeypatch.setattr("jaxstab.cli.report_results.loaded_states", interrupt)
+    monkeypatch.setattr("jaxstab.lab.report_results.loaded_states", interrupt)
     file = written(heights.reshape(-1, 1) * np.ones(8) if heights.ndim == 1 else heights)
     with pytest.raises(SystemExit):
         main(["report", str(file), *SCAN, *MATERIAL, "--output", str(tmp_path / "a.html")])
@@ -317,8 +318,8 @@ def test_a_report_whose_search_is_interrupted_leaves_its_page(
     # Both return what they have at Ctrl-C.
     ended = SimpleNamespace(result=js.RESULTS.interrupted)
     state = SimpleNamespace(equilibrium=SimpleNamespace(mean_gap=1e-8))
-    monkeypatch.setattr("jaxstab.cli.report_results.loaded_states", lambda *_: [state])
-    monkeypatch.setattr("jaxstab.cli.report._parts", lambda *_: ["part"])
+    monkeypatch.setattr("jaxstab.lab.report_results.loaded_states", lambda *_: [state])
+    monkeypatch.setattr(sys.modules["jaxstab.lab.report"], "parts", lambda *_: ["part"])
     monkeypatch.setattr(js, "pull_off", lambda *_, **__: Found(1e5))
     monkeypatch.setattr(js, name, lambda *_, **__: ended)
     arguments = [*SCAN, *MATERIAL, "--range", "4e-7", "--output", str(tmp_path / "report.html")]

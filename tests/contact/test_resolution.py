@@ -9,6 +9,7 @@ import pytest
 from problems import rough_contact
 
 import jaxstab as js
+from jaxstab.contact import pinning_error
 
 COARSE = js.potentials.Exponential(surface_energy=1e-2, length=0.1)
 LOAD = js.MeanGap(0.2)
@@ -23,9 +24,7 @@ def test_the_papers_last_figure_is_not_resolved_by_its_grid():
 
 def test_the_grid_that_would_do_is_named_and_does():
     contact = rough_contact(32, COARSE, youngs_modulus=2e-3)
-    with pytest.warns(
-        js.exceptions.ResolutionWarning, match=r"32 x 32 points.*0\.142 of.*256 x 256 would do"
-    ):
+    with pytest.warns(js.ResolutionWarning, match=r"32 x 32 points.*0\.142 of.*256 x 256 would do"):
         js.equilibrate(contact, LOAD, throw=False)
     finer = rough_contact(256, COARSE, youngs_modulus=2e-3)
     assert contact.resolution < 1 < finer.resolution
@@ -45,12 +44,12 @@ def test_nothing_is_said_of_grids_that_do_and_inside_transformations(law):
 
 def test_a_solid_that_no_grid_would_resolve_is_told_apart():
     grid = js.Grid(16)
-    foundation = js.solids.Spectral(grid, lambda q: 1e-3 + 0 * q)
+    foundation = js.Spectral(grid, lambda q: 1e-3 + 0 * q)
     contact = js.Contact(foundation, rough_contact(16, COARSE).heights, COARSE)
     with warnings.catch_warnings():
         # Before anything is solved.
-        warnings.simplefilter("error", js.exceptions.ResolutionWarning)
-        with pytest.raises(js.exceptions.ResolutionWarning, match="No grid of a size"):
+        warnings.simplefilter("error", js.ResolutionWarning)
+        with pytest.raises(js.ResolutionWarning, match="No grid of a size"):
             js.equilibrate(contact, LOAD, throw=False)
 
 
@@ -58,9 +57,7 @@ def test_a_solid_with_a_stored_stiffness_is_not_told_that_no_grid_would_do():
     contact = rough_contact(16, COARSE, youngs_modulus=1e-3)
     stored = js.Contact(contact.solid.scaled(jnp.array(1.0)), contact.heights, COARSE)
     assert stored.resolution == pytest.approx(contact.resolution)
-    with pytest.warns(
-        js.exceptions.ResolutionWarning, match=r"artefacts\. Use a finer grid, or a weaker or"
-    ):
+    with pytest.warns(js.ResolutionWarning, match=r"artefacts\. Use a finer grid, or a weaker or"):
         js.equilibrate(stored, LOAD, throw=False)
 
 
@@ -73,9 +70,7 @@ def test_jumps_need_more_and_are_told_how_far_they_may_be_off():
         js.equilibrate(contact, LOAD)
     assert not said
     load = js.MeanGap(jnp.array([0.3, 0.2]))
-    with pytest.warns(
-        js.exceptions.ResolutionWarning, match=r"be off by 10 %. A grid of 128 x 128 would"
-    ):
+    with pytest.warns(js.ResolutionWarning, match=r"be off by 10 %. A grid of 128 x 128 would"):
         js.follow(contact, load)
 
 
@@ -91,24 +86,19 @@ def test_a_pull_off_warns_once_with_the_range_that_the_grid_resolves(stiffness):
     with warnings.catch_warnings(record=True) as told:
         warnings.simplefilter("always")
         js.pull_off(contact(0.01), spring=stiffness, throw=False)
-    (told,) = [warning for warning in told if warning.category is js.exceptions.ResolutionWarning]
+    (told,) = [warning for warning in told if warning.category is js.ResolutionWarning]
     factor = float(re.search(r"a range (\S+) times as long", str(told.message))[1])
     with warnings.catch_warnings(record=True) as longer:
         warnings.simplefilter("always")
         js.pull_off(contact(factor * 0.01), spring=stiffness, throw=False)
-    assert not [
-        warning for warning in longer if warning.category is js.exceptions.ResolutionWarning
-    ]
+    assert not [warning for warning in longer if warning.category is js.ResolutionWarning]
 
 
 def test_a_sweep_warns_once():
     coarse = rough_contact(16, COARSE, youngs_modulus=1e-3)
-    with pytest.warns(js.exceptions.ResolutionWarning) as told:
+    with pytest.warns(js.ResolutionWarning) as told:
         js.sweep(coarse, js.MeanGap(jnp.array([0.3, 0.2])), throw=False)
-    assert (
-        len([warning for warning in told if warning.category is js.exceptions.ResolutionWarning])
-        == 1
-    )
+    assert len([warning for warning in told if warning.category is js.ResolutionWarning]) == 1
 
 
 @pytest.mark.parametrize(
@@ -201,3 +191,12 @@ def test_a_law_that_is_undefined_far_from_the_surface_has_a_resolution():
         contact.solid, contact.heights, lambda g: -1e-2 * (1 + g / 0.1) * jnp.exp(-g / 0.1)
     )
     assert state.mean_pressure == pytest.approx(js.equilibrate(smooth, LOAD).mean_pressure)
+
+
+def test_the_error_by_pinning_is_that_of_the_table_of_the_resolution():
+    grid = js.Grid((32, 32))
+    law = js.potentials.Exponential(0.01, 0.2)
+    contact = js.Contact(js.HalfSpace(grid, 1.0), np.zeros(grid.shape), law)
+    length = float(js.resolved_range(contact, 8))
+    resolved = js.Contact(contact.solid, contact.heights, js.potentials.Exponential(0.01, length))
+    assert float(pinning_error(resolved)) == pytest.approx(0.003, rel=0.05)

@@ -1,6 +1,5 @@
 """The results that a report shows: a scan's contact, its states, its loop and its pull-off."""
 
-import argparse
 import math
 import warnings
 from collections.abc import Iterator
@@ -11,16 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 
 import jaxstab as js
-from jaxstab.branches.differentiable_limit import CriticalLoad
-from jaxstab.cli.problem import levelled, surface_of
-from jaxstab.contact.resolution import FOR_JUMPS, PINNING
-from jaxstab.core.display import times
-from jaxstab.core.progress import is_watched, one_of_several
-from jaxstab.core.results import RESULTS
-from jaxstab.core.warn import warn
-from jaxstab.equilibrium import Equilibrium
-from jaxstab.stability import Stability
-from jaxstab.surfaces import Topography, faults
+from jaxstab.contact import pinning_error
 
 # Points along the longest side of the periodic cell for which a report takes a few minutes, and
 # those below which a scan has no roughness to speak of.
@@ -42,6 +32,8 @@ _LONGER = 2.0
 # have it and are so many times as long.
 _RESOLVED = 8.0
 _RATIOS = 1.3 ** np.arange(4)
+# The resolution that pull-offs and jumps need.
+FOR_JUMPS = 4.0
 # The inner part of a scan begins at this share of each side, where a window ends.
 _INSIDE = 0.1
 
@@ -49,12 +41,25 @@ Treatment = Literal["window", "mirror", "as_is"]
 
 
 @dataclass(frozen=True)
+class Arguments:
+    """The arguments of a report beside the scan, as `jaxstab.lab.report` explains them."""
+
+    youngs_modulus: float
+    surface_energy: float
+    poisson_ratio: float
+    range: float | None
+    size: int | None
+    detrend: int | None
+    periodic: Treatment | None
+
+
+@dataclass(frozen=True)
 class LoadedState:
     """An equilibrium under a mean pressure, its patches and its stability."""
 
-    equilibrium: Equilibrium
-    patches: js.results.Patches
-    stability: Stability
+    equilibrium: js.Equilibrium
+    patches: js.Patches
+    stability: js.Stability
 
 
 @dataclass(frozen=True)
@@ -72,7 +77,7 @@ class Tension:
     value: float
     error: float
     range: float
-    extrapolation: js.results.Extrapolation | None = None
+    extrapolation: js.Extrapolation | None = None
     refusal: str = ""
 
 
@@ -88,8 +93,8 @@ class Treated:
     """
 
     name: str
-    surface: Topography
-    pull_off: CriticalLoad
+    surface: js.surfaces.Topography
+    pull_off: js.CriticalLoad
     keeps_roughness: bool
 
 
@@ -117,22 +122,22 @@ class Results:
         loop: the path of approach and retraction, computed last.
     """
 
-    scan: Topography
+    scan: js.surfaces.Topography
     treatment: Treatment
-    measured: Topography
+    measured: js.surfaces.Topography
     power_law: js.surfaces.PowerLaw | str
-    surface: Topography
+    surface: js.surfaces.Topography
     solid: js.HalfSpace
     law: js.potentials.Exponential
     range: float
     contact: js.Contact
     states: list[LoadedState] | None = None
-    pull_off: CriticalLoad | None = None
+    pull_off: js.CriticalLoad | None = None
     tension: Tension | None = None
     treated: list[Treated] | None = None
-    longer: CriticalLoad | None = None
-    coarser: CriticalLoad | None = None
-    loop: js.results.Path | None = None
+    longer: js.CriticalLoad | None = None
+    coarser: js.CriticalLoad | None = None
+    loop: js.Path | None = None
 
     @property
     def error_by_edges(self) -> float:
@@ -147,86 +152,72 @@ class Results:
         return float(np.max(np.abs(changes)))
 
 
-def change(pull_off: CriticalLoad, other: CriticalLoad) -> float:
+def change(pull_off: js.CriticalLoad, other: js.CriticalLoad) -> float:
     """Return the relative change from a pull-off to another one, NaN if one was not found."""
-    if not pull_off.result == other.result == RESULTS.successful:
+    if not pull_off.result == other.result == js.RESULTS.successful:
         return math.nan
     return float(other.load.value / pull_off.load.value) - 1
 
 
-def results_of(options: argparse.Namespace) -> Iterator[Results]:
-    """Yield the results for the options of a report, more complete each time."""
-    scan = _scan(options)
-    treatment: Treatment = options.periodic or ("as_is" if scan.edges_meet else "mirror")
+def results_of(scan: js.surfaces.Topography, arguments: Arguments) -> Iterator[Results]:
+    """Yield the results of a report on a scan, more complete each time."""
+    scan = _levelled(scan, arguments.detrend)
+    treatment: Treatment = arguments.periodic or ("as_is" if scan.edges_meet else "mirror")
     # A mirrored surface has the heights of the scan, and no step.
     measured = scan.periodic("as_is" if treatment == "as_is" else "mirror")
-    surface = _resampled(scan.periodic(treatment), options.size)
-    solid = js.HalfSpace(surface.grid, options.modulus, options.poisson_ratio)
-    law, asked = _law_and_range(solid, surface, options)
+    surface = _resampled(scan.periodic(treatment), arguments.size)
+    solid = js.HalfSpace(surface.grid, arguments.youngs_modulus, arguments.poisson_ratio)
+    law, asked = _law_and_range(solid, surface, arguments)
     contact = js.Contact(solid, surface, law)
     power_law = _power_law(measured)
     known = Results(scan, treatment, measured, power_law, surface, solid, law, asked, contact)
     yield known
     known = replace(known, states=loaded_states(contact, solid))
     yield known
-    is_resolved = asked >= float(law.length) and float(contact.resolution) >= _RESOLVED
-    number = 3 + (0 if is_resolved else _RATIOS.size + 1) + (0 if treatment == "as_is" else 2)
-    pull_off = _PullOffs(number)
-    known = replace(known, pull_off=pull_off(contact))
+    known = replace(known, pull_off=_pull_off(contact))
     yield known
-    known = replace(known, tension=_tension(known, pull_off))
+    known = replace(known, tension=_tension(known))
     yield known
-    known = replace(known, treated=_treated(known, pull_off))
+    known = replace(known, treated=_treated(known))
     _warn_of_treatment(known)
     yield known
-    longer = _law(options, _LONGER * float(law.length))
-    known = replace(known, longer=pull_off(js.Contact(solid, surface, longer)))
+    longer = _law(arguments, _LONGER * float(law.length))
+    known = replace(known, longer=_pull_off(js.Contact(solid, surface, longer)))
     yield known
     coarser = surface.resampled([max(2, -(-points // 2)) for points in surface.grid.shape])
-    coarse_solid = js.HalfSpace(coarser.grid, options.modulus, options.poisson_ratio)
+    coarse_solid = js.HalfSpace(coarser.grid, arguments.youngs_modulus, arguments.poisson_ratio)
     # A coarser grid is its purpose.
-    with warnings.catch_warnings(action="ignore", category=js.exceptions.ResolutionWarning):
-        known = replace(known, coarser=pull_off(js.Contact(coarse_solid, coarser, law)))
+    with warnings.catch_warnings(action="ignore", category=js.ResolutionWarning):
+        known = replace(known, coarser=_pull_off(js.Contact(coarse_solid, coarser, law)))
     yield known
     assert known.states is not None
     yield replace(known, loop=_loop(contact, solid, law, known.states[-1].equilibrium))
 
 
-def _scan(options: argparse.Namespace) -> Topography:
-    """Return the scan in metres, levelled and filled."""
-    scan = surface_of(options.file, options)
+def _levelled(scan: js.surfaces.Topography, order: int | None) -> js.surfaces.Topography:
+    """Return a scan in metres, levelled and filled."""
     if scan.unit is None:
-        raise ValueError(f"{options.file} has no unit of length: give --unit, as in --unit um.")
+        raise ValueError(
+            'The scan has no unit of length: give it one, as in js.surfaces.read(path, unit="um").'
+        )
     if min(scan.grid.shape) < _FEWEST:
         raise ValueError(
-            f"{options.file} has {times(scan.grid.shape)} points, too few for a roughness: give a "
-            f"scan of at least {_FEWEST} along each side."
+            f"The scan has {' x '.join(map(str, scan.grid.shape))} points, too few for a "
+            f"roughness: give a scan of at least {_FEWEST} along each side."
         )
-    order = options.detrend
-    if order is None:
-        scan = _joined(scan)
-        order = 0 if scan.edges_meet else 1
-    return levelled(scan, order).in_unit("m")
+    # A grid of single precision, as it is made by default, would stay so.
+    scan = replace(scan, grid=js.Grid(scan.grid.shape, scan.lengths))
+    return scan.levelled(order).in_unit("m")
 
 
-def _joined(scan: Topography) -> Topography:
-    """Return a tilted periodic surface without its tilt, any other surface as it is."""
-    if scan.edges_meet:
-        return scan
-    heights = scan.heights - faults.joining_plane(scan.heights)
-    remarks = (*scan.remarks, "plane subtracted without which opposite edges meet")
-    joined = replace(scan, heights=heights, remarks=remarks)
-    return joined if joined.edges_meet else scan
-
-
-def _power_law(surface: Topography) -> js.surfaces.PowerLaw | str:
+def _power_law(surface: js.surfaces.Topography) -> js.surfaces.PowerLaw | str:
     try:
         return js.surfaces.power_law(js.surfaces.power_spectrum(surface.grid, surface))
     except ValueError as error:
         return f"none: {error}"
 
 
-def _resampled(surface: Topography, size: int | None) -> Topography:
+def _resampled(surface: js.surfaces.Topography, size: int | None) -> js.surfaces.Topography:
     """Return a surface with so many points along its longest side, by default at most `_POINTS`."""
     most = max(surface.grid.shape)
     if size is None:
@@ -235,40 +226,41 @@ def _resampled(surface: Topography, size: int | None) -> Topography:
 
 
 def _law_and_range(
-    solid: js.HalfSpace, surface: Topography, options: argparse.Namespace
+    solid: js.HalfSpace, surface: js.surfaces.Topography, arguments: Arguments
 ) -> tuple[js.potentials.Exponential, float]:
     """Return the law of adhesion, at a range that the grid resolves, and the range asked for.
 
     By default this is the shortest that the grid resolves.
     """
     longest = float(surface.lengths.max())
-    wide = _law(options, longest)
+    wide = _law(arguments, longest)
     shortest = float(js.resolved_range(js.Contact(solid, surface, wide), FOR_JUMPS))
     power = math.floor(math.log10(shortest)) - 1
     # Rounded up to two digits.
     resolved = float(f"{math.ceil(shortest / 10.0**power)}e{power}")
-    if options.range is None:
-        return _law(options, resolved), resolved
+    if arguments.range is None:
+        return _law(arguments, resolved), resolved
     # The law checks it.
-    law = _law(options, options.range)
-    if options.range > longest:
+    law = _law(arguments, arguments.range)
+    if arguments.range > longest:
         raise ValueError(
-            f"--range is {options.range:g} m, longer than the periodic cell of {longest:.3g} m: "
+            f"`range` is {arguments.range:g} m, longer than the periodic cell of {longest:.3g} m: "
             "give it in metres, as 2e-9 for 2 nm."
         )
-    if options.range < shortest:
-        law = _law(options, resolved)
-        warn(
-            f"the grid does not resolve a range of {options.range:g} m: the pull-off is "
+    if arguments.range < shortest:
+        law = _law(arguments, resolved)
+        warnings.warn(
+            f"the grid does not resolve a range of {arguments.range:g} m: the pull-off is "
             "extrapolated to it if possible, and all else is computed at a range of "
             f"{resolved:g} m. More points, by `size`, resolve a shorter one: four times as many "
-            "along a side half of it."
+            "along a side half of it.",
+            stacklevel=2,
         )
-    return law, options.range
+    return law, arguments.range
 
 
-def _law(options: argparse.Namespace, length: float) -> js.potentials.Exponential:
-    return js.potentials.Exponential(options.work, jnp.asarray(length))
+def _law(arguments: Arguments, length: float) -> js.potentials.Exponential:
+    return js.potentials.Exponential(jnp.asarray(arguments.surface_energy), jnp.asarray(length))
 
 
 def loaded_states(contact: js.Contact, solid: js.HalfSpace) -> list[LoadedState]:
@@ -287,8 +279,8 @@ def _loop(
     contact: js.Contact,
     solid: js.HalfSpace,
     law: js.potentials.Exponential,
-    pressed: Equilibrium,
-) -> js.results.Path:
+    pressed: js.Equilibrium,
+) -> js.Path:
     """Return the path from separation to the mean gap of a state, and back."""
     heights = np.asarray(contact.heights)
     # The solid is stretched less than under a flat punch as wide as the cell, which lets go at the
@@ -298,54 +290,42 @@ def _loop(
     far = float(heights.max() - heights.mean() + _FAR * law.length + stretch)
     near = max(float(pressed.mean_gap), _NEAR * (float(heights.std()) or float(law.length)))
     turns = js.MeanGap(jnp.array([far, near, far]))
-    loop = js.follow(
-        contact, turns, smallest_jump=_SMALLEST_JUMP, progress=is_watched(), throw=False
-    )
+    loop = js.follow(contact, turns, smallest_jump=_SMALLEST_JUMP, throw=False)
     _require_uninterrupted(loop.result)
     return loop
 
 
-class _PullOffs:
-    """Compute pull-offs, and number their bars."""
-
-    def __init__(self, total: int):
-        self.total = total
-        self.done = 0
-
-    def __call__(self, contact: js.Contact) -> CriticalLoad:
-        """Return the pull-off of a contact, which may not be found."""
-        self.done += 1
-        with one_of_several(self.done, self.total):
-            pull_off = js.pull_off(contact, progress=is_watched(), throw=False)
-        _require_uninterrupted(pull_off.result)
-        return pull_off
+def _pull_off(contact: js.Contact) -> js.CriticalLoad:
+    """Return the pull-off of a contact, which may not be found."""
+    pull_off = js.pull_off(contact, throw=False)
+    _require_uninterrupted(pull_off.result)
+    return pull_off
 
 
-def _tension(known: Results, pull_off_of: _PullOffs) -> Tension:
+def _tension(known: Results) -> Tension:
     """Return the tension of the pull-off, extrapolated if the grid does not resolve the range."""
     contact = known.contact
     length = float(known.law.length)
     assert known.pull_off is not None
-    if known.pull_off.result != RESULTS.successful:
+    if known.pull_off.result != js.RESULTS.successful:
         return Tension(math.nan, math.nan, length)
     computed = -float(known.pull_off.load.value)
-    resolution = float(contact.resolution)
-    if known.range >= length and resolution >= _RESOLVED:
-        return Tension(computed, computed * PINNING / resolution**2, length)
+    if known.range >= length and float(contact.resolution) >= _RESOLVED:
+        return Tension(computed, computed * float(pinning_error(contact)), length)
 
     def tension(longer: js.Contact) -> float:
-        found = pull_off_of(longer)
-        return -float(found.load.value) if found.result == RESULTS.successful else math.nan
+        found = _pull_off(longer)
+        return -float(found.load.value) if found.result == js.RESULTS.successful else math.nan
 
     ranges = _RATIOS * float(js.resolved_range(contact, _RESOLVED))
     try:
         found = js.extrapolate(tension, contact, ranges=ranges, to=known.range)
-    except js.exceptions.SolverError as error:
+    except js.SolverError as error:
         return Tension(computed, math.nan, length, refusal=str(error))
     return Tension(float(found.value), float(found.error), known.range, found)
 
 
-def _treated(known: Results, pull_off_of: _PullOffs) -> list[Treated]:
+def _treated(known: Results) -> list[Treated]:
     """Return the scan with its edges made to meet in several ways, the way of the contact first."""
     if known.treatment == "as_is":
         return []
@@ -363,7 +343,7 @@ def _treated(known: Results, pull_off_of: _PullOffs) -> list[Treated]:
     for name, cell, keeps in cells.values():
         surface = cell.resampled([round(n) for n in (cell.lengths / spacing).tolist()])
         solid = js.HalfSpace(surface.grid, known.solid.contact_modulus)
-        pull_off = pull_off_of(js.Contact(solid, surface, known.law))
+        pull_off = _pull_off(js.Contact(solid, surface, known.law))
         treated.append(Treated(name, surface, pull_off, keeps))
     return treated
 
@@ -373,13 +353,15 @@ def _warn_of_treatment(known: Results) -> None:
         return
     first, *others = known.treated
     changes = [f"{x.name} {100 * change(first.pull_off, x.pull_off):+.0f} %" for x in others]
-    warn(
+    warnings.warn(
         f"the scan was {first.name} to make opposite edges meet. In other ways its pull-off "
-        f"changes: {', '.join(changes)}. If they meet as they are, give --periodic as_is."
+        f"changes: {', '.join(changes)}. If they meet as they are, give "
+        '`periodic="as_is"`.',
+        stacklevel=2,
     )
 
 
-def _require_uninterrupted(result: RESULTS) -> None:
+def _require_uninterrupted(result: js.RESULTS) -> None:
     """Raise `KeyboardInterrupt` again: a search ends early at Ctrl-C, with what it has."""
-    if result == RESULTS.interrupted:
+    if result == js.RESULTS.interrupted:
         raise KeyboardInterrupt

@@ -1,0 +1,3 @@
+from .report import Wording, report
+
+__all__ = ["Wording", "report"]
