@@ -34,10 +34,7 @@ def characteristic_energy(contact: Contact) -> Scalar:
     """Return the elastic energy of full contact plus the deepest adhesive energy everywhere."""
     values = contact.profile.values
     deepest = -jnp.min(jnp.where(jnp.isfinite(values), values, 0))
-    solid = contact.solid
-    elastic = solid.area_fraction * solid.with_uniform_stiffness(0).energy(
-        solid.conforming(contact.heights)
-    )
+    elastic = contact.solid.conforming_energy(contact.heights)
     return elastic + contact.area * deepest
 
 

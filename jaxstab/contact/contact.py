@@ -194,7 +194,7 @@ class Contact(eqx.Module):
     @property
     def area(self) -> Scalar:
         """The area of the surface [length^2]; on a line its length [length]."""
-        return (self.grid.area * self.solid.area_fraction).astype(self.heights.dtype)
+        return self.solid.area.astype(self.heights.dtype)
 
     @property
     def resolution(self) -> Scalar:

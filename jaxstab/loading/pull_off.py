@@ -155,7 +155,7 @@ def _retraction(
     spread = jnp.max(surface) - jnp.min(surface)
     # The far side of the solid, where it has one, gives way too.
     control = machine.control(contact.solid, contact.heights)
-    give = contact.solid.area_fraction / control.constant
+    give = contact.solid.mean_over_grid(1 / control.constant)
     first = mean_displacement - give * pressure
     last = jnp.where(deepest > 0, mean_displacement + give * deepest + reach + spread, first)
     return Spring(jax.lax.stop_gradient(jnp.stack([first, last])), machine.stiffness)

@@ -124,5 +124,5 @@ class MeanPressure(Load):
 
     def control(self, solid: Solid, heights: Field) -> PressureControl:
         """Hold the mean pressure at the value."""
-        mean_pressure = solid.area_fraction * self.value.astype(heights.dtype)
+        mean_pressure = solid.mean_over_grid(self.value.astype(heights.dtype))
         return PressureControl(mean_pressure=mean_pressure, punch=solid.punch)

@@ -192,7 +192,7 @@ class Spring(Load):
 
     def control(self, solid: Solid, heights: Field) -> SpringControl:
         """Press with the stiffness of the spring and the solid's far side in series."""
-        stiffness = solid.area_fraction * self.stiffness.astype(heights.dtype)
+        stiffness = solid.mean_over_grid(self.stiffness.astype(heights.dtype))
         far = solid.uniform_stiffness
         # A half space has no uniform stiffness; others act in series with the spring.
         held = stiffness / (1 + stiffness / jnp.where(far > 0, far, jnp.inf))

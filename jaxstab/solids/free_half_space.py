@@ -34,9 +34,13 @@ class Padded(Waves):
         return tuple(n // 2 for n in self.grid.shape)
 
     @property
-    def area_fraction(self) -> float:
-        """The window's fraction of the grid."""
-        return 0.5 ** len(self.grid.shape)
+    def area(self) -> Scalar:
+        """The area of the window [length^2]; on a line its length [length]."""
+        return self.mean_over_grid(self.grid.area)
+
+    def mean_over_grid(self, value: Array) -> Array:
+        """Return the mean over the grid of a field: a value on the window, zero elsewhere."""
+        return 0.5 ** len(self.grid.shape) * value
 
     def surface(self, field: Array) -> Array:
         """Return the window of one field or several."""
@@ -45,6 +49,10 @@ class Padded(Waves):
     def conforming(self, heights: Field) -> Field:
         """Return the surface continued by its mirror images, without a step at its edges."""
         return mirrored(self.surface(heights))
+
+    def conforming_energy(self, heights: Field) -> Scalar:
+        """Return the elastic energy of full contact over the window, one of its images [energy]."""
+        return self.mean_over_grid(super().conforming_energy(heights))
 
 
 class FreeHalfSpace(Solid):

@@ -68,9 +68,13 @@ class Solid(eqx.Module):
         return self
 
     @property
-    def area_fraction(self) -> float:
-        """The fraction of the grid with a surface opposite to it."""
-        return 1.0
+    def area(self) -> Scalar:
+        """The area of the surface [length^2]; on a line its length [length]."""
+        return self.grid.area
+
+    def mean_over_grid(self, value: Array) -> Array:
+        """Return the mean over the grid of a field: a value at the surface, zero elsewhere."""
+        return value
 
     def surface(self, field: Array) -> Array:
         """Return the part of one field or several that has a surface opposite to it."""
@@ -83,6 +87,10 @@ class Solid(eqx.Module):
     def conforming(self, heights: Field) -> Field:
         """Return the displacement that full contact takes."""
         return heights
+
+    def conforming_energy(self, heights: Field) -> Scalar:
+        """Return the elastic energy of full contact over the surface [energy]."""
+        return self.with_uniform_stiffness(0).energy(self.conforming(heights))
 
     @abstractmethod
     def apply(self, displacement: Field) -> Field:

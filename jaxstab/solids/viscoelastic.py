@@ -422,7 +422,8 @@ class Viscoelastic(Solid):
     is_window = _of_relaxed("is_window")
     is_padded = _of_relaxed("is_padded")
     punch = _of_relaxed("punch")  # pyright: ignore
-    area_fraction = _of_relaxed("area_fraction")  # pyright: ignore
+    area = _of_relaxed("area")  # pyright: ignore
+    mean_over_grid = _of_relaxed("mean_over_grid")
     max_stiffness = _of_relaxed("max_stiffness")
     min_stiffness = _of_relaxed("min_stiffness")
     uniform_stiffness = _of_relaxed("uniform_stiffness")  # pyright: ignore
@@ -430,6 +431,7 @@ class Viscoelastic(Solid):
     precondition = _of_relaxed("precondition")
     surface = _of_relaxed("surface")
     conforming = _of_relaxed("conforming")
+    conforming_energy = _of_relaxed("conforming_energy")
     displacement = _of_relaxed("displacement")
     with_uniform_stiffness = _of_relaxed("with_uniform_stiffness")
     coarser = _of_relaxed("coarser")

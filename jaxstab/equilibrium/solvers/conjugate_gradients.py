@@ -254,7 +254,7 @@ def preconditioner_of(
 
     curvature = contact.curvature(gap)
     adhesion = total(jnp.maximum(curvature, 0) * softness(curvature)) / gap.size
-    inverse = solid.precondition(solid.area_fraction * solid.min_stiffness + adhesion)
+    inverse = solid.precondition(solid.mean_over_grid(solid.min_stiffness) + adhesion)
 
     def by_waves(_: Array, force: Field) -> Field:
         return inverse(force)
