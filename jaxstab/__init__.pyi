@@ -1,12 +1,8 @@
 from . import files, force_curves, lab, plots, potentials, references, surfaces
 from .branches import (
-    KINDS,
     BarrierLaw,
     Branch,
     FirstJump,
-    PathInterrupted,
-    PathState,
-    States,
     Turn,
     continuation,
     critical_load,
@@ -106,6 +102,7 @@ from .stability import (
 )
 from .stability.symmetry import SymmetryWarning
 from .stability.verdict import VERDICTS
+from .states import KINDS, PathInterrupted, PathState, States
 from .studies import StudyInterrupted, study
 from .surfaces import SurfaceWarning
 from .transitions import (

@@ -6,18 +6,12 @@ from jaxstab.branches.continuation import continuation
 from jaxstab.branches.critical_load import critical_load
 from jaxstab.branches.differentiable_limit import CriticalLoad
 from jaxstab.branches.first_jump import FirstJump, first_jump
-from jaxstab.branches.kinds import KINDS
-from jaxstab.branches.states import PathInterrupted, PathState, States
 
 __all__ = [
-    "KINDS",
     "BarrierLaw",
     "Branch",
     "CriticalLoad",
     "FirstJump",
-    "PathInterrupted",
-    "PathState",
-    "States",
     "Turn",
     "continuation",
     "critical_load",

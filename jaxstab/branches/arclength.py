@@ -47,7 +47,6 @@ from jaxstab.branches.interpolation import (
     stays_positive,
     turns_as_predicted,
 )
-from jaxstab.branches.kinds import KINDS
 from jaxstab.branches.morse_index import (
     MOST,
     UNKNOWN,
@@ -63,6 +62,7 @@ from jaxstab.core.compile import program
 from jaxstab.core.control_flow import choose, cond
 from jaxstab.core.grid import mean_over, total
 from jaxstab.core.types import Field, Flag, Scalar
+from jaxstab.states.kinds import KINDS
 
 # The least cosine between the tangents at both ends of a step, and that from which steps grow.
 _LEAST_COSINE = 0.95

@@ -13,7 +13,6 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 
-from jaxstab.branches.kinds import KINDS
 from jaxstab.branches.response import lifted, response
 from jaxstab.contact import Contact
 from jaxstab.core.display import Outcome, inline
@@ -22,6 +21,7 @@ from jaxstab.core.types import Field, FieldMap, Mask, Scalar
 from jaxstab.core.units import NUMBER, Dimension
 from jaxstab.equilibrium.derivatives import free_system, third_derivative
 from jaxstab.loads import Load
+from jaxstab.states.kinds import KINDS
 
 # The error of the law at the end of its range, and its next term there: further ones add to it.
 _ERROR = 0.2

@@ -5,9 +5,6 @@ from typing import Annotated, ClassVar
 import numpy as np
 from jaxtyping import Array, Int
 
-from jaxstab.branches.kinds import KINDS
-from jaxstab.branches.states import StateSequence
-from jaxstab.branches.tables import load_column, state_columns
 from jaxstab.core import display
 from jaxstab.core.display import Outcome, column, several
 from jaxstab.core.results import RESULTS
@@ -15,6 +12,9 @@ from jaxstab.core.types import Field
 from jaxstab.core.units import NUMBER
 from jaxstab.equilibrium import Equilibrium
 from jaxstab.loads import Load
+from jaxstab.states.columns import load_column, state_columns
+from jaxstab.states.kinds import KINDS
+from jaxstab.states.sequence import StateSequence
 
 
 class Turn(Outcome):

@@ -18,9 +18,7 @@ from jaxstab.branches.corrector import (
     on_plane,
 )
 from jaxstab.branches.curve import ContinuationProblem, Curve, Place, Point
-from jaxstab.branches.kinds import KINDS
 from jaxstab.branches.morse_index import index_of, no_modes
-from jaxstab.branches.point import PathPoint, point_of
 from jaxstab.contact import Contact
 from jaxstab.contact.hessian import Block
 from jaxstab.core.accuracy import EXACT, NEGLIGIBLE
@@ -32,6 +30,8 @@ from jaxstab.core.types import Field, Flag, Scalar
 from jaxstab.equilibrium import Equilibrium
 from jaxstab.equilibrium.equilibrium import state_at
 from jaxstab.loads import Load, require_loads, require_same_machine
+from jaxstab.states.kinds import KINDS
+from jaxstab.states.point import PathPoint, point_of
 
 # The longest step over the distance between the loads, and over the size of a state near a limit;
 # the first over the longest.

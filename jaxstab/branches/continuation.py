@@ -24,9 +24,6 @@ from jaxstab.branches.branch_steps import (
     two_loads,
 )
 from jaxstab.branches.curve import ContinuationProblem
-from jaxstab.branches.kinds import KINDS
-from jaxstab.branches.point import states_along
-from jaxstab.branches.states import PathInterrupted
 from jaxstab.contact import Contact, require_contact
 from jaxstab.contact.resolution import FOR_JUMPS, warn_if_coarse
 from jaxstab.core.checks import (
@@ -57,6 +54,9 @@ from jaxstab.equilibrium.equilibrium import State
 from jaxstab.equilibrium.posing import finished, posed
 from jaxstab.equilibrium.start import start_of
 from jaxstab.loads import Load
+from jaxstab.states.kinds import KINDS
+from jaxstab.states.point import states_along
+from jaxstab.states.sequence import PathInterrupted
 
 # Turns that there is room for under JAX transformations.
 _MAX_TURNS = 16

@@ -20,10 +20,9 @@ from jaxtyping import Array, Int
 from jaxstab.branches.branch_steps import FARTHER, BranchState, begin, two_loads
 from jaxstab.branches.corrector import AT_STATES
 from jaxstab.branches.differentiable_limit import CriticalLoad, critical_load_at
-from jaxstab.branches.energy import characteristic_energy, supply_of
-from jaxstab.branches.kinds import KINDS
 from jaxstab.branches.limit import Limit, limit_of, no_limit
 from jaxstab.contact import Contact, require_contact
+from jaxstab.contact.energy import characteristic_energy, supply_of
 from jaxstab.contact.resolution import FOR_JUMPS, warn_if_coarse
 from jaxstab.core.accuracy import EQUILIBRIUM, rounding_of_numbers
 from jaxstab.core.checks import array
@@ -40,6 +39,7 @@ from jaxstab.equilibrium.posing import finished, posed
 from jaxstab.equilibrium.solvers.conjugate_gradients import MAX_MOVE_IN_JUMP
 from jaxstab.equilibrium.start import initial_of_path, start_of
 from jaxstab.loads import Load
+from jaxstab.states.kinds import KINDS
 
 # Where the branches from the two loads start.
 Starts = list[Field]

@@ -9,11 +9,11 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 
-from jaxstab.branches.gmres import gmres
 from jaxstab.contact import Contact
 from jaxstab.contact.hessian import Hessian
 from jaxstab.contact.residual import least_scale, scale_of
 from jaxstab.core import model
+from jaxstab.core.gmres import gmres
 from jaxstab.core.grid import mean, total
 from jaxstab.core.types import Field, Flag, Mask, Scalar
 from jaxstab.loads import Load

@@ -10,7 +10,6 @@ from dataclasses import replace
 import jax
 import jax.numpy as jnp
 
-from jaxstab.branches.kinds import KINDS
 from jaxstab.branches.limit import Limit, limit_ahead
 from jaxstab.branches.response import free_space, opening, response
 from jaxstab.contact import Contact
@@ -30,6 +29,7 @@ from jaxstab.loads import Load
 from jaxstab.stability import Eigenpair
 from jaxstab.stability.cones import Subspace
 from jaxstab.stability.derivatives import differentiable as differentiable_pair
+from jaxstab.states.kinds import KINDS
 
 Inputs = tuple[Contact, Load]
 Changes = tuple[Scalar, Field]

@@ -12,7 +12,6 @@ import numpy as np
 
 from jaxstab.branches.branch import Branch, Turn
 from jaxstab.branches.continuation import continuation
-from jaxstab.branches.kinds import KINDS
 from jaxstab.contact import Contact, require_contact
 from jaxstab.contact.resolution import FOR_JUMPS, warned_once
 from jaxstab.core.checks import (
@@ -29,6 +28,7 @@ from jaxstab.core.types import ArrayLike, Field, Scalar
 from jaxstab.core.units import NUMBER
 from jaxstab.equilibrium import Equilibrium
 from jaxstab.loads import Load
+from jaxstab.states.kinds import KINDS
 
 
 class FirstJump(Outcome):

@@ -31,7 +31,6 @@ from jaxstab.branches.corrector import (
     on_plane,
 )
 from jaxstab.branches.curve import ContinuationProblem, Curve, Place, Point
-from jaxstab.branches.kinds import KINDS
 from jaxstab.branches.morse_index import UNKNOWN, lowest_pair, no_modes
 from jaxstab.contact import Contact
 from jaxstab.contact.hessian import Block
@@ -44,6 +43,7 @@ from jaxstab.core.results import RESULTS
 from jaxstab.core.types import Field, Flag, Mask, Scalar
 from jaxstab.loads import Load
 from jaxstab.stability.eigenpair import Eigenpair
+from jaxstab.states.kinds import KINDS
 
 _MAX_STEPS = 2000
 # The least part of a branch's direction that is along the mode of a fold.

@@ -9,7 +9,6 @@ import jax
 import matplotlib.pyplot as plt
 import numpy as np
 
-from jaxstab.branches import PathInterrupted
 from jaxstab.cli import problem
 from jaxstab.cli.parsing import FAILED, INTERRUPTED, Ended
 from jaxstab.contact import Contact
@@ -24,6 +23,7 @@ from jaxstab.loading import follow
 from jaxstab.loading.sweep import SweepInterrupted, sweep
 from jaxstab.plots import path as plot_path
 from jaxstab.plots import stability_curve
+from jaxstab.states import PathInterrupted
 
 
 def run(options: argparse.Namespace) -> None:

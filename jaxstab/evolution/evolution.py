@@ -9,8 +9,6 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from jaxstab.branches.states import States
-from jaxstab.branches.tables import load_column, measured_columns, state_columns
 from jaxstab.contact import Contact, require_contact
 from jaxstab.core import display
 from jaxstab.core.checks import require_kind
@@ -22,6 +20,8 @@ from jaxstab.equilibrium import Equilibrium
 from jaxstab.equilibrium.equilibrium import state_at
 from jaxstab.loads import Load, MeanDisplacement, MeanGap
 from jaxstab.solids.viscoelastic import Viscoelastic
+from jaxstab.states.columns import load_column, measured_columns, state_columns
+from jaxstab.states.sequence import States
 
 Tree = TypeVar("Tree")
 # The fields of an evolution that its single states share.

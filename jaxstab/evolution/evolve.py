@@ -11,7 +11,6 @@ import numpy as np
 from jaxtyping import Array, Float
 from tqdm import tqdm
 
-from jaxstab.branches.states import PathInterrupted
 from jaxstab.contact import Contact, require_same_contact
 from jaxstab.contact.resolution import FOR_JUMPS, warn_if_coarse
 from jaxstab.core.checks import (
@@ -56,6 +55,7 @@ from jaxstab.evolution.legs import (
 from jaxstab.evolution.replay import Replay, changes
 from jaxstab.evolution.step import StepRecord, first_record
 from jaxstab.loads import Load, require_load, require_same_machine
+from jaxstab.states.sequence import PathInterrupted
 
 
 # After a failure numbers are NaN.

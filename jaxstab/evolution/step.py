@@ -22,8 +22,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from jaxstab.branches.energy import characteristic_energy, rounding_of
 from jaxstab.contact import Contact
+from jaxstab.contact.energy import characteristic_energy, rounding_of
 from jaxstab.core.compile import program
 from jaxstab.core.grid import mean, total
 from jaxstab.core.results import RESULTS

@@ -9,7 +9,6 @@ import equinox as eqx
 import jax
 
 from jaxstab.branches.differentiable_limit import differentiable_value
-from jaxstab.branches.states import PathInterrupted
 from jaxstab.contact import Contact, require_contact
 from jaxstab.contact.resolution import FOR_JUMPS, warn_if_coarse
 from jaxstab.core.checks import (
@@ -41,6 +40,7 @@ from jaxstab.loading.path import Jump, Path
 from jaxstab.loading.record import Room
 from jaxstab.loading.recorded_path import Recording, path_of, path_with_room
 from jaxstab.loads import Load, require_load, require_same_machine
+from jaxstab.states.sequence import PathInterrupted
 
 # Jumps are located by default from this loss: over the problem's characteristic energy, and over
 # the earlier losses.

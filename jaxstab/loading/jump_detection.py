@@ -15,7 +15,6 @@ import jax.numpy as jnp
 from jaxtyping import Array, Int
 
 from jaxstab.branches.branch_steps import FARTHER
-from jaxstab.branches.point import PathPoint, point_of
 from jaxstab.core.checks import concrete
 from jaxstab.core.compile import program
 from jaxstab.core.control_flow import choose
@@ -25,6 +24,7 @@ from jaxstab.equilibrium import Equilibrium
 from jaxstab.loading.load_path import LoadPath, Start
 from jaxstab.loading.record import Event, Record
 from jaxstab.loads import Load
+from jaxstab.states.point import PathPoint, point_of
 
 # How much of the smallest loss the curvature of F may take from the work on a step.
 _MAX_CURVATURE = 4

@@ -6,9 +6,8 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 
-from jaxstab.branches.energy import characteristic_energy
-from jaxstab.branches.point import PathPoint
 from jaxstab.contact import Contact
+from jaxstab.contact.energy import characteristic_energy
 from jaxstab.core.accuracy import rounding_of_numbers
 from jaxstab.core.compile import program
 from jaxstab.core.control_flow import by_entries
@@ -17,6 +16,7 @@ from jaxstab.equilibrium import Equilibrium, PreconditionedConjugateGradient
 from jaxstab.equilibrium.equilibrate import find
 from jaxstab.equilibrium.solvers.conjugate_gradients import MAX_MOVE_IN_JUMP
 from jaxstab.loads import Load
+from jaxstab.states.point import PathPoint
 
 # The default is relative to the size of the problem's own heights and gaps.
 DISTURBANCE = 1e-6

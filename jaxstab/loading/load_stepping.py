@@ -7,7 +7,6 @@ from typing import Protocol, Self, TypeVar
 import jax.numpy as jnp
 import numpy as np
 
-from jaxstab.branches.point import point_of
 from jaxstab.core.checks import concrete
 from jaxstab.core.compile import program
 from jaxstab.core.control_flow import while_loop
@@ -24,6 +23,7 @@ from jaxstab.loading.jump_detection import (
 from jaxstab.loading.load_path import LoadPath, Start
 from jaxstab.loading.record import Event, Record
 from jaxstab.loads import Load
+from jaxstab.states.point import point_of
 
 
 class _Records(Protocol):

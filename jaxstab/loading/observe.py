@@ -13,8 +13,6 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxstab.branches.branch import Branch
-from jaxstab.branches.states import States
-from jaxstab.branches.tables import load_column, measured_columns
 from jaxstab.contact import Contact, require_contact, require_same_contact
 from jaxstab.core import display
 from jaxstab.core.checks import require_known
@@ -30,6 +28,8 @@ from jaxstab.evolution.evolution import Evolution
 from jaxstab.loading.path import Path
 from jaxstab.loading.sweep import Sweep
 from jaxstab.loads import Load
+from jaxstab.states.columns import load_column, measured_columns
+from jaxstab.states.sequence import States
 
 
 class Observed(Stackable, eqx.Module):

@@ -9,9 +9,6 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from jaxstab.branches.barrier_law import BarrierLaw
-from jaxstab.branches.kinds import KINDS
-from jaxstab.branches.states import PathState, StateSequence
-from jaxstab.branches.tables import load_column, measured_columns, percent_column, state_columns
 from jaxstab.core import display
 from jaxstab.core.compile import program
 from jaxstab.core.display import Outcome, column, several
@@ -20,6 +17,9 @@ from jaxstab.core.types import Field, Scalar
 from jaxstab.core.units import ENERGY, LENGTH, NUMBER, readable_unit, shown_unit
 from jaxstab.equilibrium import Equilibrium
 from jaxstab.loads import Load, Spring
+from jaxstab.states.columns import load_column, measured_columns, percent_column, state_columns
+from jaxstab.states.kinds import KINDS
+from jaxstab.states.sequence import PathState, StateSequence
 
 # The tension over the largest one below which surfaces count as apart.
 _ALMOST_APART = 0.05

@@ -15,7 +15,6 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Int
 
-from jaxstab.branches.point import PathPoint
 from jaxstab.contact import Contact
 from jaxstab.core.compile import program
 from jaxstab.core.control_flow import cond
@@ -26,6 +25,7 @@ from jaxstab.core.types import Field, Flag, Scalar
 from jaxstab.equilibrium import Equilibrium
 from jaxstab.equilibrium.equilibrium import detached_where, state_at
 from jaxstab.loads import Load
+from jaxstab.states.point import PathPoint
 
 
 class Event(eqx.Module):

@@ -10,9 +10,7 @@ import numpy as np
 from jaxtyping import Array, Bool
 
 from jaxstab.branches.barrier_law import BarrierLaw, barrier_law
-from jaxstab.branches.kinds import KINDS
 from jaxstab.branches.limit import Limit, limit_ahead
-from jaxstab.branches.point import PathPoint, states_along
 from jaxstab.contact import Contact
 from jaxstab.core.accuracy import rounding_of_numbers
 from jaxstab.core.checks import concrete
@@ -27,6 +25,8 @@ from jaxstab.loading.load_stepping import step_to_end
 from jaxstab.loading.path import Jump, Path
 from jaxstab.loading.record import Event, Record, Room
 from jaxstab.loads import Load
+from jaxstab.states.kinds import KINDS
+from jaxstab.states.point import PathPoint, states_along
 
 # Tables of states have multiples of this size, so that one program serves many lengths.
 _ROOM = 1024

@@ -12,7 +12,6 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import PRNGKeyArray
 
-from jaxstab.branches.tables import load_column, measured_columns, state_columns
 from jaxstab.contact import Contact, require_contact
 from jaxstab.contact.resolution import FOR_STATES, warned_once
 from jaxstab.core import display
@@ -39,6 +38,7 @@ from jaxstab.equilibrium.posing import posed, posed_gap
 from jaxstab.equilibrium.start import Initial, given_gap, initial_of_path, start_of
 from jaxstab.loads import Load, require_load
 from jaxstab.stability import ConeSolver, ProjectedLOBPCG, Stability, assess_stability
+from jaxstab.states.columns import load_column, measured_columns, state_columns
 
 Order = Literal["independent", "continuation"]
 

@@ -10,7 +10,6 @@ from matplotlib.axis import Axis, XAxis, YAxis
 from matplotlib.colors import to_hex, to_rgb
 from matplotlib.ticker import Formatter, LogFormatterSciNotation, ScalarFormatter
 
-from jaxstab.branches import States
 from jaxstab.core.checks import require_kind
 from jaxstab.core.units import (
     FORCE,
@@ -23,6 +22,7 @@ from jaxstab.core.units import (
     readable_unit,
 )
 from jaxstab.loads import Load
+from jaxstab.states import States
 
 # Okabe & Ito's palette is distinct for all kinds of colour vision; their yellow is too pale.
 BLUE = "#0072B2"

@@ -16,12 +16,12 @@ import jax
 import numpy as np
 
 from jaxstab.branches.differentiable_limit import CriticalLoad
-from jaxstab.branches.kinds import KINDS
 from jaxstab.contact import Contact
 from jaxstab.core.checks import array
 from jaxstab.core.types import Flag, Scalar
 from jaxstab.loading.path import Path
 from jaxstab.loads import MeanPressure
+from jaxstab.states.kinds import KINDS
 from jaxstab.transitions.transition import largest_climb
 
 # Passes are computed at no more than so many loads.

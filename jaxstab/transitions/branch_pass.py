@@ -25,7 +25,6 @@ import numpy as np
 
 from jaxstab.branches.branch_steps import BranchState, begin, goes_apart, next_state
 from jaxstab.branches.curve import ContinuationProblem
-from jaxstab.branches.kinds import KINDS
 from jaxstab.contact import Contact
 from jaxstab.core.accuracy import EQUILIBRIUM
 from jaxstab.core.checks import array
@@ -40,6 +39,7 @@ from jaxstab.equilibrium.equilibrium import detached_where
 from jaxstab.loading.pull_off import dead_load
 from jaxstab.loads import Load
 from jaxstab.potentials.profile import HARDLY_ANY
+from jaxstab.states.kinds import KINDS
 from jaxstab.transitions.saddle import Saddle, are_apart, minima_beside, no_saddle, saddle_near
 from jaxstab.transitions.string import Landscape
 

@@ -12,7 +12,6 @@ from typing import Annotated
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from jaxstab.branches.tables import measured_columns
 from jaxstab.contact import Contact, require_contact
 from jaxstab.contact.resolution import FOR_JUMPS, warned_once
 from jaxstab.core import display
@@ -33,6 +32,7 @@ from jaxstab.equilibrium import Equilibrium, equilibrate
 from jaxstab.equilibrium.equilibrium import State, single_start
 from jaxstab.loading import follow, pull_off
 from jaxstab.loads import Load, MeanPressure, require_loads
+from jaxstab.states.columns import measured_columns
 from jaxstab.transitions.barrier_curve import SAME_LOAD, BarrierCurve
 
 # Barriers count where all higher ones add at most this to the probability of detachment.

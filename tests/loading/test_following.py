@@ -13,10 +13,10 @@ import pytest
 from problems import with_room
 
 import jaxstab as js
-from jaxstab.branches.point import PathPoint
 from jaxstab.core.interrupts import interrupts_held
 from jaxstab.loading import recorded_path
 from jaxstab.loading.recorded_path import Recording
+from jaxstab.states.point import PathPoint
 
 
 @pytest.mark.nightly

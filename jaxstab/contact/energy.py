@@ -7,10 +7,10 @@ dE + dW = F dl.
 import jax
 import jax.numpy as jnp
 
-from jaxstab.contact import Contact
+from jaxstab.contact.contact import Contact
 from jaxstab.core.accuracy import rounding_of_numbers
 from jaxstab.core.types import Scalar
-from jaxstab.loads import Load
+from jaxstab.loads.load import Load
 
 
 def supply_of(

@@ -4,13 +4,13 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 
-from jaxstab.branches.energy import rounding_of, supply_of
-from jaxstab.branches.states import States
 from jaxstab.contact import Contact
+from jaxstab.contact.energy import rounding_of, supply_of
 from jaxstab.core.grid import mean
 from jaxstab.core.types import Field, Scalar
 from jaxstab.equilibrium import Equilibrium
 from jaxstab.loads import Load
+from jaxstab.states.sequence import States
 
 
 class PathPoint(eqx.Module):

@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxstab.branches.gmres import gmres
+from jaxstab.core.gmres import gmres
 
 
 def system(size, seed):
