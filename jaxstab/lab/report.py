@@ -7,15 +7,15 @@ import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import jax
 from tqdm import tqdm
 
-import jaxstab as js
 from jaxstab.lab import page
 from jaxstab.lab.report_parts import parts, sources
-from jaxstab.lab.report_results import Arguments, Results, Treatment, results_of
+from jaxstab.lab.report_results import Arguments, Results, results_of
+from jaxstab.surfaces import Topography
 
 # The results that `results_of` yields one after another.
 _STAGES = 8
@@ -44,7 +44,7 @@ class Wording:
 
 
 def report(
-    scan: js.surfaces.Topography,
+    scan: Topography,
     youngs_modulus: float,
     surface_energy: float,
     file: str | Path = "report.html",
@@ -53,7 +53,7 @@ def report(
     range: float | None = None,
     size: int | None = None,
     detrend: int | None = None,
-    periodic: Treatment | None = None,
+    periodic: Literal["window", "mirror", "as_is"] | None = None,
     wording: Wording | None = None,
 ) -> Path:
     """Describe how a scanned surface sticks, on a page of HTML that needs no other file.
