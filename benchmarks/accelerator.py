@@ -29,7 +29,7 @@ import jaxstab as js
 HERE = Path(__file__).parent
 FIGURES = HERE / "accelerator_figures.json"
 PRECISIONS = ("float64", "float32")
-TOLERANCES = js.PreconditionedConjugateGradient.default_tolerance
+TOLERANCES = js.solvers.PreconditionedConjugateGradient.default_tolerance
 ENERGY, RANGE = 2e-3, 0.05
 SIZES = (128, 512, 2048, 8192)
 # Points a side of small contacts, and how many of them together.
@@ -193,7 +193,7 @@ def table(
                 if "RESOURCE_EXHAUSTED" not in str(error):
                     raise
                 cells = ["out of memory"]
-            except js.SolverError:
+            except js.exceptions.SolverError:
                 cells = ["not converged"]
             # Four times the points, and more steps.
             needed = compiling + 6 * (time.perf_counter() - start - compiling)
@@ -249,11 +249,11 @@ def batch_row(precision: str, most: int, n: int) -> Row:
     contact, load = contact_of(n, dtype)
     surfaces = jax.vmap(lambda key: contact_of(n, dtype, key)[0].heights)(jnp.arange(count))
 
-    def equilibrium(heights: jax.Array) -> js.Equilibrium:
+    def equilibrium(heights: jax.Array) -> js.results.Equilibrium:
         rough = js.Contact(contact.solid, heights, contact.potential)
         return js.equilibrate(rough, load, throw=False)
 
-    def verdict(heights: jax.Array, state: js.Equilibrium) -> jax.Array:
+    def verdict(heights: jax.Array, state: js.results.Equilibrium) -> jax.Array:
         rough = js.Contact(contact.solid, heights, contact.potential)
         return js.assess_stability(rough, state, throw=False).verdict.code
 

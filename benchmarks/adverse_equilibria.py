@@ -211,7 +211,7 @@ def elastic(field: np.ndarray, multiplier: np.ndarray) -> np.ndarray:
     return np.fft.irfftn(multiplier * np.fft.rfftn(field), field.shape, axes=axes)
 
 
-def solved(problem: Problem) -> js.Equilibrium:
+def solved(problem: Problem) -> js.results.Equilibrium:
     """Return what jaxstab says."""
     solid = js.HalfSpace(js.Grid(problem.shape, problem.lengths), problem.modulus)
     law = LAWS[problem.law].make(jnp.asarray(problem.energy), jnp.asarray(problem.length))

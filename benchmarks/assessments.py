@@ -37,8 +37,8 @@ class Case(NamedTuple):
 
 
 def assess_all(
-    problems: list[Problem], solver: js.ConeSolver | None = None
-) -> list[tuple[js.Stability, np.ndarray]]:
+    problems: list[Problem], solver: js.solvers.ConeSolver | None = None
+) -> list[tuple[js.results.Stability, np.ndarray]]:
     """Return what `assess` says of problems of one shape and one kind of load, one by one."""
     cases = jax.tree.map(lambda *leaves: jnp.stack(leaves), *map(case_of, problems))
     anchor = template(problems[0].shape, problems[0].load)
@@ -48,11 +48,11 @@ def assess_all(
 
 @eqx.filter_jit
 def assess(
-    anchor: js.Equilibrium, cases: Case, solver: js.ConeSolver | None
-) -> tuple[js.Stability, jax.Array]:
+    anchor: js.results.Equilibrium, cases: Case, solver: js.solvers.ConeSolver | None
+) -> tuple[js.results.Stability, jax.Array]:
     """Return the stability of every case, and its D as the library has it."""
 
-    def one(case: Case) -> tuple[js.Stability, jax.Array]:
+    def one(case: Case) -> tuple[js.results.Stability, jax.Array]:
         contact, equilibrium = state_of(anchor, case)
         stability = js.assess_stability(contact, equilibrium, solver, throw=False)
         return stability, contact.curvature(case.gap)
@@ -61,7 +61,7 @@ def assess(
 
 
 @cache
-def template(shape: tuple[int, ...], load: type[Load]) -> js.Equilibrium:
+def template(shape: tuple[int, ...], load: type[Load]) -> js.results.Equilibrium:
     contact = js.Contact(js.HalfSpace(js.Grid(shape), 1.0), jnp.zeros(shape), lambda gap: 0 * gap)
     return replace(js.equilibrate(contact, js.MeanGap(1.0)), load=load(1.0))
 
@@ -84,7 +84,9 @@ def case_of(problem: Problem) -> Case:
     )
 
 
-def state_of(anchor: js.Equilibrium, case: Case) -> tuple[js.Contact, js.Equilibrium]:
+def state_of(
+    anchor: js.results.Equilibrium, case: Case
+) -> tuple[js.Contact, js.results.Equilibrium]:
     """Return a contact, and a state of it: the heights are such that pressures balance."""
     solid = js.HalfSpace(js.Grid(case.gap.shape), case.youngs_modulus)
     attraction = case.strength * jnp.sin(case.gap + case.phase)

@@ -36,7 +36,7 @@ def compare(n: int, name: str, law: js.potentials.Potential) -> None:
     load = js.MeanGap(js.surfaces.rms_height(heights[0]))
 
     @jax.jit
-    def solve(heights: jax.Array) -> js.Equilibrium:
+    def solve(heights: jax.Array) -> js.results.Equilibrium:
         contact = js.Contact(js.HalfSpace(grid, 1.0), heights, law)
         return js.equilibrate(contact, load, throw=False)
 

@@ -25,8 +25,8 @@ from brute_force import matrix_of
 from dense_curve import DenseCurve
 
 jax.config.update("jax_enable_x64", True)
-warnings.simplefilter("ignore", js.ResolutionWarning)
-warnings.simplefilter("ignore", js.SurfaceWarning)
+warnings.simplefilter("ignore", js.exceptions.ResolutionWarning)
+warnings.simplefilter("ignore", js.exceptions.SurfaceWarning)
 
 LAYER = "layer"
 # Why a dense curve may be given up.

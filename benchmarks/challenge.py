@@ -117,7 +117,7 @@ def challenge_rows(
 
 
 def _numbers(
-    where: str, contact: js.Contact, state: js.Equilibrium, published: dict
+    where: str, contact: js.Contact, state: js.results.Equilibrium, published: dict
 ) -> Iterator[Row]:
     pressure = float(state.mean_pressure)
     setting = f"{where}, {pressure / 1e3:.4g} kPa"
@@ -141,7 +141,7 @@ def _value(pairs: list | None, at: float, unit: float) -> float | str:
     return float(np.interp(at, x, y)) / unit if 0.999 * x[0] <= at <= 1.001 * x[-1] else MISSING
 
 
-def _distributions(where: str, state: js.Equilibrium, published: dict) -> Iterator[Row]:
+def _distributions(where: str, state: js.results.Equilibrium, published: dict) -> Iterator[Row]:
     """Yield the densities of the pressure in contact and of the gap elsewhere, over the cell."""
     touches = np.asarray(state.in_contact)
     known = published if "no adhesion" not in where else {}

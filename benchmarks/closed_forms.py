@@ -17,7 +17,7 @@ import jaxstab as js
 from jaxstab.references import jkr, johnson, maugis
 
 jax.config.update("jax_enable_x64", True)
-warnings.simplefilter("ignore", js.ResolutionWarning)
+warnings.simplefilter("ignore", js.exceptions.ResolutionWarning)
 
 AMPLITUDE = 0.05
 

@@ -60,11 +60,11 @@ def row(n: int, repeats: int) -> str:
     heights = js.surfaces.self_affine(grid, jax.random.key(0), k_high=32, rms_slope=0.1)
     load = js.MeanGap(js.surfaces.rms_height(heights))
 
-    def solve(parameters: tuple, max_steps: int) -> js.Equilibrium:
+    def solve(parameters: tuple, max_steps: int) -> js.results.Equilibrium:
         heights, modulus, energy, length = parameters
         law = js.potentials.Exponential(energy, length)
         contact = js.Contact(js.HalfSpace(grid, modulus), heights, law)
-        solver = js.PreconditionedConjugateGradient(max_steps=max_steps)
+        solver = js.solvers.PreconditionedConjugateGradient(max_steps=max_steps)
         return js.equilibrate(contact, load, solver)
 
     parameters = heights, jnp.array(YOUNGS_MODULUS), jnp.array(GAMMA), jnp.array(RHO)

@@ -69,13 +69,13 @@ SPACE_COLUMNS = (
 class State(NamedTuple):
     name: str
     contact: js.Contact
-    equilibrium: js.Equilibrium
+    equilibrium: js.results.Equilibrium
 
 
 def main() -> None:
     options = parse_options()
     jax.config.update("jax_enable_x64", True)
-    warnings.simplefilter("ignore", js.ResolutionWarning)
+    warnings.simplefilter("ignore", js.exceptions.ResolutionWarning)
     with open(options.out, "w") as file:
         for line in lines(options):
             print(line, flush=True)
@@ -170,7 +170,7 @@ def compare_with_algorithm_1(state: State, repeats: int) -> tuple[str, float, fl
 
 @jax.jit
 def algorithm_1(
-    contact: js.Contact, equilibrium: js.Equilibrium, solver: js.ProximalIteration
+    contact: js.Contact, equilibrium: js.results.Equilibrium, solver: js.ProximalIteration
 ) -> Eigenpair:
     """Do what `assess_stability` does on the cone, without looking for a lower eigenvalue."""
     hessian, cone = contact.hessian(equilibrium.gap), AdmissibleCone(equilibrium.in_contact)
@@ -189,7 +189,7 @@ def transform_pairs(field: jax.Array, number: int) -> jax.Array:
     return jax.lax.fori_loop(0, number, pair, field)
 
 
-def count(stability: js.Stability) -> int:
+def count(stability: js.results.Stability) -> int:
     """Return the pairs of all three numbers."""
     return sum(int(pair.num_applications) for pair in stability.pairs.values())
 

@@ -40,7 +40,7 @@ class Judgement(NamedTuple):
     """What is said of a problem, and what is so; `scale` is the norm of A."""
 
     problem: Problem
-    stability: js.Stability
+    stability: js.results.Stability
     exact: list[float]
     scale: float
     truth: str
@@ -76,7 +76,7 @@ def parse_options() -> argparse.Namespace:
     return parser.parse_args()
 
 
-def judge(problem: Problem, assessed: tuple[js.Stability, np.ndarray]) -> Judgement:
+def judge(problem: Problem, assessed: tuple[js.results.Stability, np.ndarray]) -> Judgement:
     stability, curvature = assessed
     matrix = dense(problem, curvature)
     exact = exact_eigenvalues(problem, matrix)
@@ -89,7 +89,7 @@ def judge(problem: Problem, assessed: tuple[js.Stability, np.ndarray]) -> Judgem
     return Judgement(problem, stability, exact, scale, truth, list(failures))
 
 
-def failures_of_broken(stability: js.Stability) -> Iterator[str]:
+def failures_of_broken(stability: js.results.Stability) -> Iterator[str]:
     if stability.verdict.name != "undecided":
         yield "a verdict on a broken state"
     if any(each.result.name == "successful" for each in (stability, *stability.pairs.values())):
@@ -97,7 +97,7 @@ def failures_of_broken(stability: js.Stability) -> Iterator[str]:
 
 
 def silent_failures(
-    problem: Problem, stability: js.Stability, exact: list[float], scale: float, truth: str
+    problem: Problem, stability: js.results.Stability, exact: list[float], scale: float, truth: str
 ) -> Iterator[str]:
     verdict = stability.verdict.name
     if verdict not in ("undecided", truth):

@@ -28,8 +28,8 @@ import numpy as np
 import jaxstab as js
 
 jax.config.update("jax_enable_x64", True)
-warnings.simplefilter("ignore", js.ResolutionWarning)
-warnings.simplefilter("ignore", js.WindowWarning)
+warnings.simplefilter("ignore", js.exceptions.ResolutionWarning)
+warnings.simplefilter("ignore", js.exceptions.WindowWarning)
 
 NONE = js.potentials.Exponential(0.0, 1.0)
 REPEATS = 5

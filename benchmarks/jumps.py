@@ -16,7 +16,7 @@ import jax.numpy as jnp
 import jaxstab as js
 
 jax.config.update("jax_enable_x64", True)
-warnings.simplefilter("ignore", js.ResolutionWarning)
+warnings.simplefilter("ignore", js.exceptions.ResolutionWarning)
 
 # A step of the flow over that at which its stiffest wave would grow.
 SHARE = 0.5

@@ -55,9 +55,9 @@ def main() -> None:
     parser.add_argument("--both", type=int, help="fit approach and retraction of so many instead")
     options = parser.parse_args()
     jax.config.update("jax_enable_x64", True)
-    warnings.simplefilter("ignore", js.ResolutionWarning)
+    warnings.simplefilter("ignore", js.exceptions.ResolutionWarning)
     # The tail of the exponential law reaches the edge of the window.
-    warnings.simplefilter("ignore", js.WindowWarning)
+    warnings.simplefilter("ignore", js.exceptions.WindowWarning)
     lines = ["Pull-offs over those of the closed form or of the finer grid.", "", HEAD]
     table = rows(options.quick)
     if options.curves:
@@ -129,7 +129,7 @@ def pull_off(contact: js.Contact) -> float:
 def row(name: str, points: str, contact: js.Contact, expected: float, to: float) -> str:
     try:
         found = js.extrapolate(pull_off, contact, to=to)
-    except js.SolverError:
+    except js.exceptions.SolverError:
         # The values rise and fall, or tell of no limit.
         return f"| {name} | {points} | | refused | | | |"
     first, value, error = (
@@ -194,7 +194,7 @@ def fits(computed: int, points: int, count: int, segment: str = "retraction") ->
         yield f"| {grids} | {segment} | {name} | {within} of {count} | {rms:.2f} |"
 
 
-def fit_on(points: int, curve: js.force_curves.ForceCurve, segment: str) -> js.Calibration:
+def fit_on(points: int, curve: js.force_curves.ForceCurve, segment: str) -> js.results.Calibration:
     start = tip(points, 0.06, 5.0, 0.12)
     return js.calibrate(start, js.FarDisplacement, curve, segment=segment, throw=False)
 

@@ -20,7 +20,7 @@ from machine import machine
 import jaxstab as js
 
 jax.config.update("jax_enable_x64", True)
-warnings.simplefilter("ignore", js.ResolutionWarning)
+warnings.simplefilter("ignore", js.exceptions.ResolutionWarning)
 
 LAWS = (
     js.potentials.Exponential,

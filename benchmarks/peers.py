@@ -76,7 +76,7 @@ class Answer(NamedTuple):
 class Peer(NamedTuple):
     packages: tuple[str, ...]
     # Of a problem, its equilibrium and a tolerance.
-    solve: Callable[[Problem, js.Equilibrium, float], Answer]
+    solve: Callable[[Problem, js.results.Equilibrium, float], Answer]
     # Without and with adhesion: the last one tuned, which is near the next, to spare runs.
     tolerance: dict[bool, float]
 
@@ -165,7 +165,7 @@ def compare(problem: Problem, names: list[str], repeats: int, file: TextIO) -> b
 
 
 def alternate(
-    problem: Problem, peer: Peer, equilibrium: js.Equilibrium, repeats: int
+    problem: Problem, peer: Peer, equilibrium: js.results.Equilibrium, repeats: int
 ) -> tuple[float, float, Answer]:
     """Return median seconds of jaxstab and of the peer, run in turn, and the peer's answer."""
     if problem.n <= TUNED:
@@ -179,7 +179,7 @@ def alternate(
     return median(ours), median(theirs), answer
 
 
-def tune(problem: Problem, peer: Peer, equilibrium: js.Equilibrium) -> float:
+def tune(problem: Problem, peer: Peer, equilibrium: js.results.Equilibrium) -> float:
     """Return the tolerance, of a few tried, that is nearest to jaxstab's accuracy from above."""
     target = residual(problem, equilibrium.gap)
     tolerance = peer.tolerance[problem.is_adhesive]
@@ -206,21 +206,21 @@ def residual(problem: Problem, gap: np.ndarray | jax.Array) -> float:
     return float(problem.contact.balance(control)(jnp.asarray(gap)).residual)
 
 
-def difference(problem: Problem, equilibrium: js.Equilibrium, answer: Answer) -> float:
+def difference(problem: Problem, equilibrium: js.results.Equilibrium, answer: Answer) -> float:
     """Return the rms difference of the gaps over the rms height."""
     rms = np.sqrt(np.mean((answer.gap - np.asarray(equilibrium.gap)) ** 2))
     return float(rms / js.surfaces.rms_height(problem.contact.heights))
 
 
-def solve_jaxstab(problem: Problem) -> tuple[js.Equilibrium, float]:
-    solver = js.PreconditionedConjugateGradient(TOLERANCE)
+def solve_jaxstab(problem: Problem) -> tuple[js.results.Equilibrium, float]:
+    solver = js.solvers.PreconditionedConjugateGradient(TOLERANCE)
     start = time.perf_counter()
     equilibrium = js.equilibrate(problem.contact, problem.load, solver)
     jax.block_until_ready(equilibrium)
     return equilibrium, time.perf_counter() - start
 
 
-def solve_tamaas(problem: Problem, _: js.Equilibrium, tolerance: float) -> Answer:
+def solve_tamaas(problem: Problem, _: js.results.Equilibrium, tolerance: float) -> Answer:
     """Solve for the gap at its mean or, without adhesion, for the pressure at its mean."""
     import tamaas
 
@@ -262,7 +262,9 @@ def solve_tamaas(problem: Problem, _: js.Equilibrium, tolerance: float) -> Answe
     return Answer(np.maximum(gap, 0), counter.count, seconds)
 
 
-def solve_contact_mechanics(problem: Problem, _: js.Equilibrium, tolerance: float) -> Answer:
+def solve_contact_mechanics(
+    problem: Problem, _: js.results.Equilibrium, tolerance: float
+) -> Answer:
     """Solve for the pressure at its mean, without adhesion."""
     from ContactMechanics import PeriodicFFTElasticHalfSpace
     from ContactMechanics.Optimization import constrained_conjugate_gradients
@@ -288,7 +290,9 @@ def solve_contact_mechanics(problem: Problem, _: js.Equilibrium, tolerance: floa
     return Answer(np.maximum(gap, 0), result.nit, seconds)
 
 
-def solve_adhesion(problem: Problem, equilibrium: js.Equilibrium, tolerance: float) -> Answer:
+def solve_adhesion(
+    problem: Problem, equilibrium: js.results.Equilibrium, tolerance: float
+) -> Answer:
     """Solve for the displacement by the solver of Adhesion, L-BFGS-B."""
     system, offset = adhesive_system(problem, equilibrium)
     limits = {"maxiter": 20_000, "maxfun": 20_000}
@@ -303,7 +307,7 @@ def solve_adhesion(problem: Problem, equilibrium: js.Equilibrium, tolerance: flo
     return Answer(np.maximum(gap, 0), result.nfev, seconds)
 
 
-def solve_numpi(problem: Problem, equilibrium: js.Equilibrium, tolerance: float) -> Answer:
+def solve_numpi(problem: Problem, equilibrium: js.results.Equilibrium, tolerance: float) -> Answer:
     """Solve for the gap by the Newton method of NuMPI."""
     from NuMPI.Optimization import tr_newton_bounded
 
@@ -327,7 +331,7 @@ def solve_numpi(problem: Problem, equilibrium: js.Equilibrium, tolerance: float)
     return Answer(result.x, result.nb_hessp, seconds)
 
 
-def adhesive_system(problem: Problem, equilibrium: js.Equilibrium) -> tuple[Any, float]:
+def adhesive_system(problem: Problem, equilibrium: js.results.Equilibrium) -> tuple[Any, float]:
     """Return the system of Adhesion, and the rigid offset of an equilibrium.
 
     The half space also carries a mean displacement, with the stiffness K0 of its longest waves,

@@ -16,7 +16,7 @@ import numpy as np
 import jaxstab as js
 
 jax.config.update("jax_enable_x64", True)
-warnings.simplefilter("ignore", js.ResolutionWarning)
+warnings.simplefilter("ignore", js.exceptions.ResolutionWarning)
 
 ENERGY, RMS_HEIGHT = 0.02, 0.05
 # Of differences, over the surface energy and the rms height.
@@ -67,7 +67,7 @@ def derivatives(contact, pull):
 
     try:
         rates = np.asarray(jax.grad(value)(jnp.zeros(2)))
-    except js.SolverError as error:
+    except js.exceptions.SolverError as error:
         return f"refused: {str(error).split(':')[1].strip()}"
     differences = []
     for i, step in enumerate((STEP * ENERGY, STEP * RMS_HEIGHT)):

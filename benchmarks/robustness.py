@@ -19,7 +19,7 @@ from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigsh
 
 import jaxstab as js
 
-SOLVERS = (js.PreconditionedConjugateGradient(), js.PolonskyKeerRey())
+SOLVERS = (js.solvers.PreconditionedConjugateGradient(), js.solvers.PolonskyKeerRey())
 LAWS = (
     js.potentials.Exponential,
     js.potentials.Gaussian,
@@ -41,7 +41,7 @@ class Outcome(NamedTuple):
 def main() -> None:
     options = parse_options()
     jax.config.update("jax_enable_x64", True)
-    warnings.simplefilter("ignore", js.ResolutionWarning)
+    warnings.simplefilter("ignore", js.exceptions.ResolutionWarning)
     lines = [
         f"{options.problems} random problems, float64; steps are those of the successful ones",
         "",
@@ -95,7 +95,7 @@ def outcome(solver, seed: int) -> Outcome:
     return Outcome(result, int(equilibrium.num_steps), bool(rises), is_saddle)
 
 
-def is_a_saddle(contact: js.Contact, equilibrium: js.Equilibrium) -> bool:
+def is_a_saddle(contact: js.Contact, equilibrium: js.results.Equilibrium) -> bool:
     """Return whether a perturbation of zero mean, zero in contact, lowers the energy."""
     multiplier = np.asarray(contact.solid.waves.multiplier)
     curvature = np.asarray(contact.curvature(equilibrium.gap))
@@ -128,7 +128,9 @@ def row(solver, outcomes: list[Outcome], seconds: float) -> str:
     results = Counter(outcome.result for outcome in outcomes)
     counts = ", ".join(f"{count} {result}" for result, count in results.most_common())
     rises = sum(outcome.rises for outcome in outcomes)
-    measured = str(rises) if isinstance(solver, js.PreconditionedConjugateGradient) else "not kept"
+    measured = (
+        str(rises) if isinstance(solver, js.solvers.PreconditionedConjugateGradient) else "not kept"
+    )
     saddles = sum(outcome.is_saddle for outcome in outcomes)
     steps = [outcome.num_steps for outcome in outcomes if outcome.result == "successful"]
     most = f"{np.median(steps):.0f}, {np.quantile(steps, 0.9):.0f}, {max(steps)}"

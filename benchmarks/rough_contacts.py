@@ -118,7 +118,7 @@ def states(is_large: bool, figures: Path | None) -> Iterator[Row]:
                 yield _judged(where, contact, found)
 
 
-def _compared(where: str, found: dict[str, js.Equilibrium]) -> Iterator[Row]:
+def _compared(where: str, found: dict[str, js.results.Equilibrium]) -> Iterator[Row]:
     areas = {name: 100 * float(state.contact_area) for name, state in found.items()}
     energies = {name: float(state.energy) for name, state in found.items()}
     least = min(energies.values())
@@ -133,7 +133,7 @@ def _compared(where: str, found: dict[str, js.Equilibrium]) -> Iterator[Row]:
     yield Row(f"states, {where}: energy above the least", "", "not published", numbers)
 
 
-def _judged(where: str, contact: js.Contact, found: dict[str, js.Equilibrium]) -> Row:
+def _judged(where: str, contact: js.Contact, found: dict[str, js.results.Equilibrium]) -> Row:
     verdicts = {
         name: js.assess_stability(contact, state).verdict.name for name, state in found.items()
     }

@@ -310,7 +310,7 @@ def solved(families: list[str], every: int, has_seconds: bool) -> dict[str, Any]
         for problem in listed[family]:
             try:
                 found.append(problem())
-            except (js.SolverError, ValueError):
+            except (js.exceptions.SolverError, ValueError):
                 found.append(Outcome([], 0, True))
         return found
 

@@ -61,12 +61,12 @@ def lowered(n, count):
     find = import_module("jaxstab.equilibrium.equilibrate").find
     on_space = import_module("jaxstab.stability.lowest_pair").on_space
     search = jax.jit(on_space)
-    solver, load = js.PreconditionedConjugateGradient(), js.MeanGap(0.2)
+    solver, load = js.solvers.PreconditionedConjugateGradient(), js.MeanGap(0.2)
     hessian, space = Hessian(contact.solid, heights), Subspace(heights > 0)
     starts = jnp.stack(BLOCK_SIZE * [heights])
     return {
         "equilibrium": jax.jit(find).lower(contact, load, solver, heights),
-        "lowest modes": search.lower(js.Davidson(1e-7), hessian, space, starts),
+        "lowest modes": search.lower(js.solvers.Davidson(1e-7), hessian, space, starts),
     }
 
 

@@ -44,8 +44,8 @@ def main() -> None:
             return solved(js.ProximalIteration(1e-300, limit), *problem)
 
         limits = FIRST_PRECONDITIONED, LAST_PRECONDITIONED
-        report(contact, partial(find, js.PreconditionedConjugateGradient), 3, limits)
-        report(contact, partial(find, js.PolonskyKeerRey), 2, (FIRST, LAST))
+        report(contact, partial(find, js.solvers.PreconditionedConjugateGradient), 3, limits)
+        report(contact, partial(find, js.solvers.PolonskyKeerRey), 2, (FIRST, LAST))
         report(contact, minimum, 1, (FIRST, LAST), "ProximalIteration")
 
 

@@ -33,7 +33,7 @@ FRAMES, FRAMES_A_SECOND = 60, 12
 
 
 @cache
-def loop() -> tuple[js.Contact, js.Path]:
+def loop() -> tuple[js.Contact, js.results.Path]:
     """Return a rough contact, and its loop of approach and retraction through a soft machine."""
     grid = js.Grid(64)
     heights = js.surfaces.self_affine(grid, jax.random.key(0), k_high=6, rms_height=0.05)
@@ -189,7 +189,7 @@ def films() -> None:
     film("lifetime", contact, gaps, times, areas, "time", "contact area [%]")
 
 
-def pull_off() -> tuple[js.Contact, js.Path]:
+def pull_off() -> tuple[js.Contact, js.results.Path]:
     """Return a tip on a free half space, and its path into contact and off."""
     grid = js.Grid(48, 0.3)
     contact = js.Contact(
@@ -201,7 +201,7 @@ def pull_off() -> tuple[js.Contact, js.Path]:
     return contact, js.follow(contact, far, fields=True)
 
 
-def lifetime() -> tuple[js.Contact, js.Evolution]:
+def lifetime() -> tuple[js.Contact, js.results.Evolution]:
     """Return a viscoelastic contact that is held under tension until it detaches."""
     grid = js.Grid(32)
     heights = js.surfaces.self_affine(grid, jax.random.key(0), k_high=4, rms_height=0.05)

@@ -5,9 +5,22 @@ contact*, whose equation numbers the documentation quotes.
 """
 
 import importlib.metadata
+import warnings
 
 import lazy_loader
 
 # Each name is imported where it is first used, from the module that `__init__.pyi` gives.
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+_imported, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
 __version__ = importlib.metadata.version(__name__)
+
+
+def __getattr__(name: str) -> object:
+    if name in __all__ or not name[0].isupper():
+        return _imported(name)
+    # Names that the root held in version 0.2; to be removed in 0.4.
+    for room in map(_imported, ("results", "solvers", "exceptions", "solids")):
+        if name in room.__all__:
+            message = f"jaxstab.{name} is now {room.__name__}.{name}."
+            warnings.warn(message, DeprecationWarning, stacklevel=2)
+            return getattr(room, name)
+    return _imported(name)

@@ -5,7 +5,7 @@ from jaxtyping import Array
 import jaxstab as js
 
 
-class Descent(js.EquilibriumSolver):
+class Descent(js.solvers.EquilibriumSolver):
     """Steps down the net pressure, as long as the stiffest wave allows."""
 
     tolerance: Array = 1e-8

@@ -13,7 +13,7 @@ from jaxstab.core.history import History
 from jaxstab.core.units import Units
 
 # For comparisons with finite differences.
-TIGHT = js.PreconditionedConjugateGradient(tolerance=1e-12)
+TIGHT = js.solvers.PreconditionedConjugateGradient(tolerance=1e-12)
 
 
 def with_units(detachment):
@@ -66,7 +66,7 @@ class Linear(eqx.Module):
         return self.slope * gap
 
 
-class DenseSolid(js.Solid):
+class DenseSolid(js.solids.Solid):
     """A solid given by its matrix, of which constants are an eigenvector."""
 
     grid: js.Grid
@@ -132,7 +132,7 @@ def state_of(contact, gap, reaction=1.0, load=js.MeanGap):
     displacement = contact.solid.displacement(pressure)
     contact = eqx.tree_at(lambda contact: contact.heights, contact, displacement - gap)
     mean_pressure = jnp.mean(pressure)
-    state = js.Equilibrium(
+    state = js.results.Equilibrium(
         load=load(mean_pressure if load is js.MeanPressure else jnp.mean(gap)),
         displacement=displacement,
         gap=gap,

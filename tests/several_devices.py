@@ -26,7 +26,7 @@ def contact_on(grid, surface_energy=0.02):
 
 
 def load_and_solver():
-    return js.MeanGap(0.1), js.PreconditionedConjugateGradient(1e-13)
+    return js.MeanGap(0.1), js.solvers.PreconditionedConjugateGradient(1e-13)
 
 
 def numbers(equilibrium, stability):
@@ -40,7 +40,7 @@ def state(grid):
     def solved(surface_energy):
         contact = contact_on(grid, surface_energy)
         equilibrium = js.equilibrate(contact, *load_and_solver(), initial=np.ones((N, N)))
-        solver = js.ProjectedLOBPCG(3e-12)
+        solver = js.solvers.ProjectedLOBPCG(3e-12)
         return equilibrium, js.assess_stability(contact, equilibrium, solver, throw=False)
 
     found, changes = jax.jvp(solved, (0.02,), (1.0,))
@@ -96,7 +96,7 @@ def programs(grid):
     hessian, space = Hessian(contact.solid, heights), Subspace(heights > 0)
     lowered = [
         jax.jit(find).lower(contact, *load_and_solver(), heights),
-        search.lower(js.Davidson(1e-7), hessian, space, jnp.stack(4 * [heights])),
+        search.lower(js.solvers.Davidson(1e-7), hessian, space, jnp.stack(4 * [heights])),
     ]
     return {"programs": [program.compile().as_text() for program in lowered]}
 

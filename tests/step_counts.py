@@ -49,13 +49,17 @@ def solver_runs(n):
     hessian = contact.hessian(state.gap, contact.control(load))
     cone = AdmissibleCone(state.in_contact)
     starts = jax.random.uniform(jax.random.key(0), (12, n, n), minval=-1)
-    of_states = js.PreconditionedConjugateGradient(), js.PolonskyKeerRey(), js.SaddleNewton()
+    of_states = (
+        js.solvers.PreconditionedConjugateGradient(),
+        js.solvers.PolonskyKeerRey(),
+        js.solvers.SaddleNewton(),
+    )
     runs = {
         type(solver).__name__: (lambda solver=solver: find(contact, load, solver, start), 0)
         for solver in of_states
     }
     runs["Davidson"] = lambda: Davidson().solve(hessian, cone.hull, starts[:4]), 0
-    for solver, depth in ((js.ProjectedLOBPCG(), 1), (js.ProximalIteration(), 0)):
+    for solver, depth in ((js.solvers.ProjectedLOBPCG(), 1), (js.ProximalIteration(), 0)):
         run = partial(solver.solve, hessian, cone, starts)
         runs[type(solver).__name__] = (run, depth)
     return runs

@@ -96,7 +96,7 @@ def assert_same(found, expected, rtol=1e-6):
 
 def equilibrium(surface, change):
     load = change.displacement(0.05)
-    solver = js.PreconditionedConjugateGradient(1e-12)
+    solver = js.solvers.PreconditionedConjugateGradient(1e-12)
     state = js.equilibrate(change.contact(surface), load, solver)
     return {
         "pressure": state.mean_pressure / change.pressure,
@@ -307,7 +307,9 @@ def tiled(surface):
 def test_a_repeated_surface_has_a_repeated_equilibrium_and_no_higher_eigenvalues(surface):
     found = []
     for contact in tiled(surface):
-        state = js.equilibrate(contact, js.MeanGap(0.05), js.PreconditionedConjugateGradient(1e-12))
+        state = js.equilibrate(
+            contact, js.MeanGap(0.05), js.solvers.PreconditionedConjugateGradient(1e-12)
+        )
         found.append((state, js.assess_stability(contact, state)))
     (one, of_one), (four, of_four) = found
     np.testing.assert_allclose(four.mean_pressure, one.mean_pressure, rtol=1e-8)

@@ -40,12 +40,25 @@ def test_plain_heights_can_have_a_unit_and_a_topography_brings_its_own():
 def test_the_names_that_python_lists_are_the_public_ones():
     names = dir(js)
     assert names == js.__all__
-    assert {"plots", "potentials", "references", "surfaces", "files"} <= set(names)
+    assert {"plots", "potentials", "references", "surfaces", "results"} <= set(names)
     private = {module.name for module in iter_modules(js.__path__)} - set(js.__all__)
     assert "core" in private and not private & set(names)
     assert "import_module" not in names and all(hasattr(js, name) for name in names)
-    for room in (js.files, js.plots, js.potentials, js.references, js.surfaces):
+    rooms = [js.exceptions, js.plots, js.potentials, js.references, js.results, js.solids]
+    for room in [*rooms, js.solvers, js.surfaces]:
         assert dir(room) == sorted(room.__all__)
+
+
+def test_the_root_holds_few_names_and_says_where_others_are():
+    assert len(js.__all__) < 65
+    rooms = [js.results, js.solvers, js.exceptions, js.solids]
+    classes = {name: room for room in rooms for name in room.__all__ if name not in js.__all__}
+    assert {"Path", "Davidson", "SolverError", "Spectral"} <= set(classes)
+    for name, room in classes.items():
+        with pytest.warns(DeprecationWarning, match=rf"{name} is now {room.__name__}\.{name}\."):
+            assert getattr(js, name) is getattr(room, name)
+    with pytest.raises(AttributeError, match="Paths"):
+        _ = js.Paths
 
 
 def test_a_file_in_metres_has_si_units_and_si_numbers(tmp_path):

@@ -24,7 +24,7 @@ def solve(problem, tolerance):
     if problem.law != "none":
         law = LAWS[problem.law](problem.energy, problem.length)
     contact, load = js.Contact(solid, problem.heights, law), LOADS[problem.control](problem.value)
-    solver = js.PreconditionedConjugateGradient(tolerance)
+    solver = js.solvers.PreconditionedConjugateGradient(tolerance)
     kind = problem.heights.shape, problem.law, problem.control
     if kind not in compiled:
         js.equilibrate(contact, load, solver, throw=False)

@@ -21,6 +21,7 @@ from public_names import (
     PACKAGE,
     definition,
     everything,
+    full_name,
     is_inside,
     name_of,
     names_of,
@@ -156,9 +157,9 @@ class _Linked(ast.NodeTransformer):
         if getattr(meant, "__module__", None) == "jaxtyping" and "[" in meant.__name__:
             shape = re.sub(r"\[[\w.]+,", "[Array,", meant.__name__)
             return ast.parse(shape, mode="eval").body
-        top = f"{PACKAGE}.{node.id}"
+        top = full_name(node.id)
         full = name_of(meant)
-        if full is None and top in everything():
+        if full is None and top is not None:
             # What is imported for types only is not there; another `Path` is another thing.
             full = top if meant is None else f"{meant.__module__}.{meant.__qualname__}"
         full = _STATE if full is None and node.id == "State" else full
@@ -168,10 +169,9 @@ class _Linked(ast.NodeTransformer):
         """Return a name in quotes without them, and shapes without the space before them."""
         if not isinstance(node.value, str):
             return node
-        is_name = f"{PACKAGE}.{node.value}" in everything()
-        return (
-            self.visit_Name(ast.Name(node.value)) if is_name else ast.Constant(node.value.strip())
-        )
+        if full_name(node.value):
+            return self.visit_Name(ast.Name(node.value))
+        return ast.Constant(node.value.strip())
 
 
 def _construction(item: type) -> str:
@@ -241,8 +241,8 @@ def _fields(kind: str, lines: list[str], context: str) -> Iterator[str]:
         names, _, text = " ".join(entry.split()).partition(": ")
         for name in names.split(", "):
             if kind == "raises":
-                full = f"{PACKAGE}.{name}"
-                name = f"~{full}" if full in everything() else name
+                full = full_name(name)
+                name = f"~{full}" if full else name
             yield f":{kind} {name}: {_inline(text, context)}"
 
 
@@ -260,9 +260,10 @@ def _inline(text: str, context: str) -> str:
 def _linked(code: str, context: str) -> str:
     name = re.sub(r"^(jaxstab|js)\.|\(\)$", "", code)
     if code not in _argument_names(context):
-        for full in (f"{PACKAGE}.{name}", f"{context.rpartition('.')[0]}.{name}"):
-            if full in everything():
-                return f"{{py:obj}}`{code} <{full}>`"
+        beside = f"{context.rpartition('.')[0]}.{name}"
+        full = full_name(name) or (beside if beside in everything() else None)
+        if full:
+            return f"{{py:obj}}`{code} <{full}>`"
     return f"`{code}`"
 
 

@@ -12,6 +12,8 @@ from types import ModuleType
 from typing import Any
 
 PACKAGE = "jaxstab"
+# Public modules of classes that are written elsewhere.
+_ROOMS = "results", "solvers", "exceptions", "solids"
 
 
 def resolve(name: str) -> Any:
@@ -69,6 +71,12 @@ def name_of(item: Any) -> str | None:
     return next((name for name, known in everything().items() if known is item), None)
 
 
+def full_name(name: str) -> str | None:
+    """Return the dotted name of what is public in the package or in a room of classes."""
+    names = [f"{PACKAGE}.{name}", *(f"{PACKAGE}.{room}.{name}" for room in _ROOMS)]
+    return next((x for x in names if x in everything()), None)
+
+
 def names_of(entry: str) -> list[str]:
     """Return the names that an entry of a page stands for.
 
@@ -80,7 +88,7 @@ def names_of(entry: str) -> list[str]:
         return [entry]
     found = {name: x for name, x in everything().items() if is_inside(home_of(x), module.__name__)}
     inside = [name for name in found if name.rpartition(".")[0] == entry]
-    from_it = [name for name in found if name.rpartition(".")[0] == PACKAGE]
+    from_it = [name for name in found if name not in inside]
     return sorted(from_it, key=lambda name: isclass(found[name])) + inside
 
 

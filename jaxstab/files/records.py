@@ -15,6 +15,8 @@ import jax
 import numpy as np
 from jaxtyping import Array, PyTree
 
+import jaxstab
+from jaxstab import potentials, results, solids, solvers
 from jaxstab.core.closures import BareFunction
 from jaxstab.core.enumeration import Enumeration
 from jaxstab.core.grid import Mesh
@@ -28,9 +30,14 @@ _SILENT = {"contact", "equilibrium", "stability", "observables", "value", "table
 _SINGULAR = {"jumps": "jump", "turns": "turn", "minima": "minimum"}
 # Totals of a path get the prefix "total", beside the sums up to each state.
 _TOTALS = {("work",), ("dissipation",)}
-# The modules by whose names files know the classes of this package, so that inner modules can move.
-_PACKAGE = __name__.partition(".")[0]
-_PUBLIC = (_PACKAGE, f"{_PACKAGE}.potentials", f"{_PACKAGE}.solids")
+# Files know classes of this package by these names of modules, so that inner modules can move. Each
+# stands for the rooms beside it, the first one for the root too.
+_PACKAGE = jaxstab.__name__
+_PUBLIC = {
+    _PACKAGE: (results, solvers, solids),
+    potentials.__name__: (potentials,),
+    solids.__name__: (solids,),
+}
 
 
 class LostFunction(eqx.Module):
@@ -270,12 +277,9 @@ def _name_of(kind: type) -> str:
 def _public(path: str) -> object:
     """Return the object of a public "module:name", None if there is none."""
     name, _, word = path.partition(":")
-    if name not in _PUBLIC or name not in sys.modules:
-        return None
-    module = sys.modules[name]
-    if word not in module.__all__:
-        return None
-    return getattr(module, word)
+    if name == _PACKAGE and word in jaxstab.__all__:
+        return getattr(jaxstab, word)
+    return next((vars(room)[word] for room in _PUBLIC.get(name, ()) if word in vars(room)), None)
 
 
 def _coded(words: np.ndarray, names: list[str]) -> np.ndarray:

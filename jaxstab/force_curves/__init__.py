@@ -6,7 +6,8 @@ compression; heights and tip positions grow away from the sample.
 
 from jaxstab.force_curves.correction import Baseline, Correction
 from jaxstab.force_curves.curves import ForceCurves
-from jaxstab.force_curves.force_curve import ForceCurve, ForceCurveWarning
+from jaxstab.force_curves.force_curve import ForceCurve
+from jaxstab.force_curves.force_curve import ForceCurveWarning as ForceCurveWarning
 from jaxstab.force_curves.read import read
 from jaxstab.force_curves.segment import Segment
 
@@ -14,7 +15,6 @@ __all__ = [
     "Baseline",
     "Correction",
     "ForceCurve",
-    "ForceCurveWarning",
     "ForceCurves",
     "Segment",
     "read",

@@ -148,7 +148,7 @@ def _answers(results: Results) -> list[tuple[str, str]]:
     return rows
 
 
-def _tension(contact: js.Contact, pull_off: js.CriticalLoad) -> str:
+def _tension(contact: js.Contact, pull_off: js.results.CriticalLoad) -> str:
     if pull_off.result != js.RESULTS.successful:
         return f"not found: {js.RESULTS[pull_off.result]}"
     return contact.units.text(-float(pull_off.load.value), "pressure")
@@ -224,7 +224,7 @@ def _edges(results: Results) -> Iterator[str]:
     yield page.table(rows, header)
 
 
-def _change(pull_off: js.CriticalLoad, other: js.CriticalLoad) -> str:
+def _change(pull_off: js.results.CriticalLoad, other: js.results.CriticalLoad) -> str:
     """Return by how much the tension of another pull-off differs."""
     share = change(pull_off, other)
     return "not known" if math.isnan(share) else f"{100 * share:+.1f} %"
@@ -237,7 +237,7 @@ def _share_of_work(results: Results, energy: float) -> str:
     return f"{results.contact.units.text(energy, 'energy/area')}, {100 * share:.3g} % of w"
 
 
-def _verdict(stability: js.Stability) -> str:
+def _verdict(stability: js.results.Stability) -> str:
     return stability.verdict.name.replace("_", " ")
 
 
@@ -342,7 +342,7 @@ def _of_surface(results: Results) -> list[tuple[Axes, str]]:
     return drawn
 
 
-def _energies(results: Results, loop: js.Path) -> list[tuple[str, str]]:
+def _energies(results: Results, loop: js.results.Path) -> list[tuple[str, str]]:
     contact = results.contact
     energies = (loop.dissipation, loop.unlocated, loop.unlocated_error)
     lost, small, error = (float(energy / contact.area) for energy in energies)
@@ -360,7 +360,7 @@ def _energies(results: Results, loop: js.Path) -> list[tuple[str, str]]:
     return rows
 
 
-def _of_loop(loop: js.Path) -> list[tuple[Axes, str]]:
+def _of_loop(loop: js.results.Path) -> list[tuple[Axes, str]]:
     gaps = np.asarray(loop.equilibrium.mean_gap)
     touches = np.asarray(loop.equilibrium.contact_area) > 0
     last = _SHOWN * gaps[touches].max(initial=gaps.min())
@@ -373,7 +373,7 @@ def _of_loop(loop: js.Path) -> list[tuple[Axes, str]]:
     return drawn
 
 
-def _jumps(loop: js.Path) -> tuple[list[list[str]], list[str]]:
+def _jumps(loop: js.results.Path) -> tuple[list[list[str]], list[str]]:
     losses = np.asarray(loop.jumps.dissipation).tolist()
     units = loop.equilibrium.units
     rows = []

@@ -57,9 +57,9 @@ class Arguments:
 class LoadedState:
     """An equilibrium under a mean pressure, its patches and its stability."""
 
-    equilibrium: js.Equilibrium
-    patches: js.Patches
-    stability: js.Stability
+    equilibrium: js.results.Equilibrium
+    patches: js.results.Patches
+    stability: js.results.Stability
 
 
 @dataclass(frozen=True)
@@ -77,7 +77,7 @@ class Tension:
     value: float
     error: float
     range: float
-    extrapolation: js.Extrapolation | None = None
+    extrapolation: js.results.Extrapolation | None = None
     refusal: str = ""
 
 
@@ -94,7 +94,7 @@ class Treated:
 
     name: str
     surface: js.surfaces.Topography
-    pull_off: js.CriticalLoad
+    pull_off: js.results.CriticalLoad
     keeps_roughness: bool
 
 
@@ -132,12 +132,12 @@ class Results:
     range: float
     contact: js.Contact
     states: list[LoadedState] | None = None
-    pull_off: js.CriticalLoad | None = None
+    pull_off: js.results.CriticalLoad | None = None
     tension: Tension | None = None
     treated: list[Treated] | None = None
-    longer: js.CriticalLoad | None = None
-    coarser: js.CriticalLoad | None = None
-    loop: js.Path | None = None
+    longer: js.results.CriticalLoad | None = None
+    coarser: js.results.CriticalLoad | None = None
+    loop: js.results.Path | None = None
 
     @property
     def error_by_edges(self) -> float:
@@ -152,7 +152,7 @@ class Results:
         return float(np.max(np.abs(changes)))
 
 
-def change(pull_off: js.CriticalLoad, other: js.CriticalLoad) -> float:
+def change(pull_off: js.results.CriticalLoad, other: js.results.CriticalLoad) -> float:
     """Return the relative change from a pull-off to another one, NaN if one was not found."""
     if not pull_off.result == other.result == js.RESULTS.successful:
         return math.nan
@@ -187,7 +187,7 @@ def results_of(scan: js.surfaces.Topography, arguments: Arguments) -> Iterator[R
     coarser = surface.resampled([max(2, -(-points // 2)) for points in surface.grid.shape])
     coarse_solid = js.HalfSpace(coarser.grid, arguments.youngs_modulus, arguments.poisson_ratio)
     # A coarser grid is its purpose.
-    with warnings.catch_warnings(action="ignore", category=js.ResolutionWarning):
+    with warnings.catch_warnings(action="ignore", category=js.exceptions.ResolutionWarning):
         known = replace(known, coarser=_pull_off(js.Contact(coarse_solid, coarser, law)))
     yield known
     assert known.states is not None
@@ -279,8 +279,8 @@ def _loop(
     contact: js.Contact,
     solid: js.HalfSpace,
     law: js.potentials.Exponential,
-    pressed: js.Equilibrium,
-) -> js.Path:
+    pressed: js.results.Equilibrium,
+) -> js.results.Path:
     """Return the path from separation to the mean gap of a state, and back."""
     heights = np.asarray(contact.heights)
     # The solid is stretched less than under a flat punch as wide as the cell, which lets go at the
@@ -295,7 +295,7 @@ def _loop(
     return loop
 
 
-def _pull_off(contact: js.Contact) -> js.CriticalLoad:
+def _pull_off(contact: js.Contact) -> js.results.CriticalLoad:
     """Return the pull-off of a contact, which may not be found."""
     pull_off = js.pull_off(contact, throw=False)
     _require_uninterrupted(pull_off.result)
@@ -320,7 +320,7 @@ def _tension(known: Results) -> Tension:
     ranges = _RATIOS * float(js.resolved_range(contact, _RESOLVED))
     try:
         found = js.extrapolate(tension, contact, ranges=ranges, to=known.range)
-    except js.SolverError as error:
+    except js.exceptions.SolverError as error:
         return Tension(computed, math.nan, length, refusal=str(error))
     return Tension(float(found.value), float(found.error), known.range, found)
 

@@ -169,7 +169,7 @@ def _row(observable: Callable[..., Any], contact: Contact, state: Equilibrium) -
     if not isinstance(result, Observable):
         raise TypeError(
             f"{_name(observable)} returned a {type(result).__name__}: return a subclass of "
-            "jaxstab.Observable, which declares the columns."
+            "jaxstab.results.Observable, which declares the columns."
         )
     # Numbers of Python have no precision of their own.
     row = jax.tree.map(jnp.asarray, result.row())

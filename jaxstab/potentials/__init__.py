@@ -25,14 +25,9 @@ from jaxstab.potentials.laws import (
 )
 from jaxstab.potentials.sums import Law, Sum
 from jaxstab.potentials.varying import Potential as Potential
-from jaxstab.potentials.varying import (
-    Scaled,
-    Varying,
-    Within,
-    everywhere,
-    varying_fields,
-    with_fields,
-)
+from jaxstab.potentials.varying import Scaled as Scaled
+from jaxstab.potentials.varying import Varying
+from jaxstab.potentials.varying import Within as Within
 
 __all__ = [
     "Capillary",
@@ -45,18 +40,13 @@ __all__ = [
     "LennardJones",
     "NoAdhesion",
     "Rational",
-    "Scaled",
     "Sum",
     "Varying",
-    "Within",
     "as_module",
     "curvature",
     "derivatives",
     "energy_density",
-    "everywhere",
     "slope",
-    "varying_fields",
-    "with_fields",
 ]
 
 

@@ -4,9 +4,11 @@ from jaxstab.solids.axisymmetric import Axisymmetric, AxisymmetricHalfSpace, Axi
 from jaxstab.solids.free_half_space import FreeHalfSpace
 from jaxstab.solids.half_space import HalfSpace
 from jaxstab.solids.layers import CoatedHalfSpace, Layer
-from jaxstab.solids.prony_fit import RelaxationWarning
-from jaxstab.solids.solid import Altered, Solid, apart_from_mean
-from jaxstab.solids.spectral import Spectral, SpectralSolid, Waves
+from jaxstab.solids.prony_fit import RelaxationWarning as RelaxationWarning
+from jaxstab.solids.solid import Altered as Altered
+from jaxstab.solids.solid import Solid
+from jaxstab.solids.spectral import Spectral, SpectralSolid
+from jaxstab.solids.spectral import Waves as Waves
 from jaxstab.solids.surface_tension import Sheet, SurfaceTension
 from jaxstab.solids.temperature_shift import (
     Arrhenius,
@@ -17,7 +19,6 @@ from jaxstab.solids.temperature_shift import (
 from jaxstab.solids.viscoelastic import Viscoelastic
 
 __all__ = [
-    "Altered",
     "Arrhenius",
     "Axisymmetric",
     "AxisymmetricHalfSpace",
@@ -26,7 +27,6 @@ __all__ = [
     "FreeHalfSpace",
     "HalfSpace",
     "Layer",
-    "RelaxationWarning",
     "Sheet",
     "ShiftTable",
     "Solid",
@@ -35,7 +35,9 @@ __all__ = [
     "SurfaceTension",
     "TemperatureShift",
     "Viscoelastic",
-    "Waves",
     "WilliamsLandelFerry",
-    "apart_from_mean",
 ]
+
+
+def __dir__() -> list[str]:
+    return __all__

@@ -5,7 +5,7 @@ measured surface is a `Topography`, read from a file by `read`, with its grid, i
 methods to prepare it for a contact.
 """
 
-from jaxstab.surfaces.faults import SurfaceWarning
+from jaxstab.surfaces.faults import SurfaceWarning as SurfaceWarning
 from jaxstab.surfaces.generated import self_affine, sinusoid
 from jaxstab.surfaces.power_law import PowerLaw, power_law
 from jaxstab.surfaces.read import read
@@ -27,7 +27,6 @@ __all__ = [
     "Autocorrelation",
     "PowerLaw",
     "PowerSpectrum",
-    "SurfaceWarning",
     "Topography",
     "autocorrelation",
     "cone",

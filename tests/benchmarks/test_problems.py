@@ -61,7 +61,7 @@ def test_the_residual_vanishes_in_equilibria_alone(problems, law, control, value
     case = problem(problems, law, control, value)
     contact = js.Contact(js.HalfSpace(js.Grid(16), 2.0), case.heights, LAWS[law](0.05, 0.1))
     load = {"gap": js.MeanGap, "pressure": js.MeanPressure}[control](value)
-    solver = js.PreconditionedConjugateGradient(1e-12)
+    solver = js.solvers.PreconditionedConjugateGradient(1e-12)
     gap = np.asarray(js.equilibrate(contact, load, solver).gap)
     assert case.is_met(gap) and case.residual(gap) < 1e-10
     # A wave on it, of which the points in contact take no part, keeps the mean gap.

@@ -67,7 +67,7 @@ def test_an_interrupted_branch_keeps_the_turn_of_its_last_state(hertz, branch, m
             signal.raise_signal(signal.SIGINT)
 
     monkeypatch.setattr(module, "advance_if_known", interrupted)
-    with pytest.warns(js.PathInterrupted, match=f"after {number + 1} states"):
+    with pytest.warns(js.exceptions.PathInterrupted, match=f"after {number + 1} states"):
         found = js.continuation(hertz, js.MeanDisplacement(jnp.array([1.6, 1.0])), max_states=24)
     assert found.result == "interrupted" and len(found) == number + 1
     np.testing.assert_array_equal(found.turns.load.value, branch.turns.load.value[:1])
@@ -87,7 +87,7 @@ def test_an_interrupt_before_the_last_state_is_kept_leaves_no_end_of_it(hertz, m
         return after()
 
     monkeypatch.setattr(module, "interrupts_after", interrupted)
-    with pytest.warns(js.PathInterrupted, match=f"after {len(whole) - 1} states"):
+    with pytest.warns(js.exceptions.PathInterrupted, match=f"after {len(whole) - 1} states"):
         found = js.continuation(hertz, load, max_states=24)
     assert found.result == "interrupted" and found.end == "states"
     np.testing.assert_array_equal(found.load.value, whole.load.value[:-1])
@@ -247,7 +247,9 @@ def test_bad_loads_are_refused(hertz):
 
 
 def test_a_branch_without_a_first_state_has_no_end(hertz):
-    with pytest.raises(js.SolverError, match=r"ended at .*\(-2\) after 1 state: infeasible_load"):
+    with pytest.raises(
+        js.exceptions.SolverError, match=r"ended at .*\(-2\) after 1 state: infeasible_load"
+    ):
         js.continuation(hertz, js.MeanDisplacement(jnp.array([-2.0, -1.0])), max_states=24)
 
 
@@ -281,7 +283,7 @@ def two_summits(number, higher, law):
     return js.Contact(js.HalfSpace(js.Grid((number,)), 1.0), heights, law)
 
 
-@pytest.mark.filterwarnings("ignore::jaxstab.ResolutionWarning")
+@pytest.mark.filterwarnings("ignore::jaxstab.exceptions.ResolutionWarning")
 @pytest.mark.parametrize("higher", [0.0, 1e-12])
 def test_it_records_a_bifurcation_where_a_symmetric_mode_loses_its_stiffness(higher):
     law = js.potentials.LennardJones(0.12, 0.1)
@@ -313,7 +315,7 @@ def index_on(contact, gap, free):
     return np.sum(on_zero_mean(hessian[np.ix_(free, free)]) < 0)
 
 
-@pytest.mark.filterwarnings("ignore::jaxstab.ResolutionWarning")
+@pytest.mark.filterwarnings("ignore::jaxstab.exceptions.ResolutionWarning")
 def test_equal_points_that_detach_or_touch_together_leave_no_change_of_the_index_unlocated():
     contact = two_summits(16, 0.0, js.potentials.Exponential(0.05, 0.1))
     there = js.continuation(contact, js.MeanGap(jnp.array([0.13, 0.145])), fields=True)
@@ -338,7 +340,7 @@ def test_equal_points_that_detach_or_touch_together_leave_no_change_of_the_index
     np.testing.assert_allclose(limit.load.value, turn.load.value, rtol=1e-9)
 
 
-@pytest.mark.filterwarnings("ignore::jaxstab.ResolutionWarning")
+@pytest.mark.filterwarnings("ignore::jaxstab.exceptions.ResolutionWarning")
 @pytest.mark.parametrize("higher", [0.0, 1e-9])
 def test_of_two_nearly_equal_points_it_releases_the_first_alone(higher):
     law = js.potentials.Exponential(0.05, 0.1)

@@ -15,7 +15,7 @@ from jaxstab.equilibrium.posing import posed
 HEIGHTS = np.array([0.0265, 0.0055, -0.0643, 0.0301, 0.0105, -0.0316, 0.0162, 0.007])
 
 
-@pytest.mark.filterwarnings("ignore::jaxstab.ResolutionWarning")
+@pytest.mark.filterwarnings("ignore::jaxstab.exceptions.ResolutionWarning")
 def test_it_meets_a_tension_that_there_is_and_soon_gives_up_one_that_there_is_not():
     grid = js.Grid((8,), (1.0,))
     contact = js.Contact(js.HalfSpace(grid, 1.0), HEIGHTS, js.potentials.Exponential(0.466, 0.2))
@@ -43,7 +43,7 @@ def test_it_meets_a_tension_that_there_is_and_soon_gives_up_one_that_there_is_no
 
 
 @pytest.mark.nightly
-@pytest.mark.filterwarnings("ignore::jaxstab.ResolutionWarning")
+@pytest.mark.filterwarnings("ignore::jaxstab.exceptions.ResolutionWarning")
 def test_jumps_of_single_points_are_told_as_folds():
     # Dugdale's edge is so sharp that its folds fit into 1e-8 of the size of the state.
     modulus, work = 0.75, 1e-4

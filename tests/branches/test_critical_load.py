@@ -121,7 +121,7 @@ def test_its_second_derivatives_are_differences_of_first_ones():
 
 
 def test_at_the_fold_an_equilibrium_has_no_derivative_and_beside_it_it_has(fold):
-    tight = js.PreconditionedConjugateGradient(tolerance=1e-11)
+    tight = js.solvers.PreconditionedConjugateGradient(tolerance=1e-11)
     contact = paraboloid(VALUES)
 
     def pressure(value, start, solver=tight):
@@ -130,7 +130,7 @@ def test_at_the_fold_an_equilibrium_has_no_derivative_and_beside_it_it_has(fold)
 
     def pressure_at_fold(value):
         # A solver that stays where it is put.
-        return pressure(value, fold.equilibrium.gap, js.SaddleNewton())
+        return pressure(value, fold.equilibrium.gap, js.solvers.SaddleNewton())
 
     load = fold.load.value
     assert jnp.isnan(jax.grad(pressure_at_fold)(load))
@@ -287,7 +287,9 @@ def test_where_no_fold_is_the_user_is_told():
     found = find(VALUES, ends)
     assert found.result == js.RESULTS.no_fold
     assert jnp.isnan(found.equilibrium.contact_area)
-    with pytest.raises(js.SolverError, match=r"No end of a branch found between Mean.*\(1.4\)"):
+    with pytest.raises(
+        js.exceptions.SolverError, match=r"No end of a branch found between Mean.*\(1.4\)"
+    ):
         find(VALUES, ends, throw=True)
     assert jnp.isnan(jax.grad(lambda values: find(values, ends).load.value)(VALUES)).all()
     with pytest.raises(ValueError, match="takes two loads"):
@@ -301,7 +303,7 @@ def sticky_line(unit=1.0):
     return js.Contact(js.HalfSpace(js.Grid((16,), (unit,)), 1.0), heights * unit, law)
 
 
-@pytest.mark.filterwarnings("ignore::jaxstab.ResolutionWarning")
+@pytest.mark.filterwarnings("ignore::jaxstab.exceptions.ResolutionWarning")
 @pytest.mark.parametrize("unit", [1.0, 1e-9])
 def test_in_any_unit_a_release_lies_where_the_dense_curve_turns(unit):
     contact = sticky_line(unit)
@@ -318,7 +320,7 @@ def test_in_any_unit_a_release_lies_where_the_dense_curve_turns(unit):
     np.testing.assert_allclose(found.load.value / unit, value, rtol=1e-8)
 
 
-@pytest.mark.filterwarnings("ignore::jaxstab.ResolutionWarning")
+@pytest.mark.filterwarnings("ignore::jaxstab.exceptions.ResolutionWarning")
 def test_a_release_is_uncertain_while_a_reaction_is_left(monkeypatch):
     module = import_module("jaxstab.branches.limit")
     judge = module.limit_between

@@ -59,7 +59,7 @@ def test_the_size_of_pressures_is_that_of_a_dense_operator_in_any_unit():
     assert np.min(least) > 0
 
 
-@pytest.mark.filterwarnings("ignore::jaxstab.ResolutionWarning")
+@pytest.mark.filterwarnings("ignore::jaxstab.exceptions.ResolutionWarning")
 def test_it_crosses_to_no_other_branch_depends_on_no_unit_and_ends_where_a_point_touches():
     ends = jnp.array([0.4342, 0.0042])
     contact = line(HEIGHTS, 0.0939, 0.1)
@@ -95,7 +95,7 @@ def test_on_many_points_a_step_passes_several_changes_and_stays_on_the_curve():
 
 
 @pytest.mark.nightly
-@pytest.mark.filterwarnings("ignore::jaxstab.ResolutionWarning")
+@pytest.mark.filterwarnings("ignore::jaxstab.exceptions.ResolutionWarning")
 def test_random_lines_stay_on_their_branches():
     same = 0
     for seed in range(12):
@@ -124,7 +124,7 @@ def test_random_lines_stay_on_their_branches():
     assert same >= 4
 
 
-@pytest.mark.filterwarnings("ignore::jaxstab.ResolutionWarning")
+@pytest.mark.filterwarnings("ignore::jaxstab.exceptions.ResolutionWarning")
 def test_full_contact_is_a_start_and_an_end():
     heights = 0.01 * np.cos(2 * np.pi * np.arange(16) / 16)
     contact = line(heights, 0.02, 0.1)
@@ -143,7 +143,7 @@ def test_full_contact_is_a_start_and_an_end():
 
 
 @pytest.mark.nightly
-@pytest.mark.filterwarnings("ignore::jaxstab.ResolutionWarning")
+@pytest.mark.filterwarnings("ignore::jaxstab.exceptions.ResolutionWarning")
 def test_steps_that_may_not_be_short_end_as_uncertain():
     contact = line(HEIGHTS, 0.0939, 0.1)
     loads = js.MeanDisplacement(jnp.array([0.4342, 0.0042]))
@@ -151,12 +151,12 @@ def test_steps_that_may_not_be_short_end_as_uncertain():
     branch = js.continuation(contact, loads, throw=False, **steps)
     assert branch.end == "uncertain" and branch.result == "lost_branch"
     assert len(branch.index) > 1
-    with pytest.raises(js.SolverError, match=r"steps of the least length.*min_step"):
+    with pytest.raises(js.exceptions.SolverError, match=r"steps of the least length.*min_step"):
         js.continuation(contact, loads, **steps)
 
 
 @pytest.mark.nightly
-@pytest.mark.filterwarnings("ignore::jaxstab.ResolutionWarning")
+@pytest.mark.filterwarnings("ignore::jaxstab.exceptions.ResolutionWarning")
 def test_a_branch_to_infinite_gaps_ends_as_separated():
     contact = line(EIGHT, 0.466, 0.2)
     apart = js.equilibrate(contact, js.MeanGap(1.0))

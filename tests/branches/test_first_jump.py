@@ -58,7 +58,9 @@ def test_a_path_that_is_not_known_ends_the_search_with_the_bracket_so_far():
     assert found.result == "invalid_contact"
     assert found.jumping == 0.02
     np.testing.assert_allclose([found.parameter, found.error], [0.0125, 0.0075])
-    with pytest.raises(js.SolverError, match=r"path at the parameter 0\.0125 is not known"):
+    with pytest.raises(
+        js.exceptions.SolverError, match=r"path at the parameter 0\.0125 is not known"
+    ):
         js.first_jump(broken, ends, load)
 
 

@@ -87,7 +87,7 @@ def test_an_interrupt_loses_no_fit_that_has_ended(start, exact, number, monkeypa
         with pytest.raises(KeyboardInterrupt):
             js.calibrate(start, LOAD, exact)
         return
-    with pytest.warns(js.FitWarning, match="3 of 41 fits are done"):
+    with pytest.warns(js.exceptions.FitWarning, match="3 of 41 fits are done"):
         fit = js.calibrate(start, LOAD, exact)
     assert fit.result == "interrupted"
     law, modulus = fit.parameters
@@ -153,12 +153,14 @@ def test_several_starts_are_tried_and_the_best_fit_counts():
 
 
 def test_failure_is_told(start, exact):
-    with pytest.raises(js.SolverError, match=r"The fit did not converge in 1 steps.*max_steps"):
+    with pytest.raises(
+        js.exceptions.SolverError, match=r"The fit did not converge in 1 steps.*max_steps"
+    ):
         js.calibrate(start, LOAD, exact, max_steps=1)
     unreachable = js.MeanGap(LOAD.value.at[3].set(-1.0))
     fit = js.calibrate(start, unreachable, exact, throw=False)
     assert fit.result == js.RESULTS.nonfinite
-    with pytest.raises(js.SolverError, match=r"1 of 16 loads have no.* number 3 .*unit"):
+    with pytest.raises(js.exceptions.SolverError, match=r"1 of 16 loads have no.* number 3 .*unit"):
         js.calibrate(start, unreachable, exact)
     # A weight of zero leaves it out.
     weights = jnp.ones(16).at[3].set(0)

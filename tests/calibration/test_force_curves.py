@@ -43,7 +43,7 @@ def deviations(fit):
     return np.array([(x - y) / e for x, y, e in zip(found, truth, errors, strict=True)])
 
 
-@pytest.mark.filterwarnings("ignore::jaxstab.WindowWarning")
+@pytest.mark.filterwarnings("ignore::jaxstab.exceptions.WindowWarning")
 def test_a_retraction_gives_modulus_work_range_and_zeros_within_their_errors(law):
     curve = synthetic.recorded(law, 0, **RECORD)
     assert abs(np.diff(curve.corrected().retraction.tip_position)).max() > 1  # a jump
@@ -72,7 +72,7 @@ def test_a_retraction_gives_modulus_work_range_and_zeros_within_their_errors(law
 
 
 @pytest.mark.nightly
-@pytest.mark.filterwarnings("ignore::jaxstab.WindowWarning")
+@pytest.mark.filterwarnings("ignore::jaxstab.exceptions.WindowWarning")
 @pytest.mark.parametrize(
     ("kind", "segment"),
     [
@@ -255,7 +255,7 @@ def test_what_a_correction_leaves_is_what_the_zeros_of_a_fit_add(kind):
     assert means_of(contact(), kind, shared, "both", 40).zeros.names == one.names
 
 
-@pytest.mark.filterwarnings("ignore::jaxstab.WindowWarning")
+@pytest.mark.filterwarnings("ignore::jaxstab.exceptions.WindowWarning")
 def test_baselines_that_differ_and_a_drift_do_not_bias_the_fit_to_both_segments(law):
     """They differ by seven of their errors, and a drift of several errors is left."""
     curve = synthetic.recorded(law, 1, **RECORD).corrected()
@@ -304,7 +304,7 @@ def test_a_first_guess_is_near_the_sphere_of_a_closed_form(name):
     law = {"jkr": synthetic.jkr(3.0), "dmt": synthetic.dmt()}[name]
     curve = synthetic.recorded(law, 0)
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", js.FitWarning)
+        warnings.simplefilter("ignore", js.exceptions.FitWarning)
         guess = js.first_guess(curve, synthetic.RADIUS, 0.5, points=16)
         metres = js.first_guess(curve.in_units("m", "N"), 1e-9 * synthetic.RADIUS, 0.5, points=16)
     modulus = 1e-3 * guess.solid.youngs_modulus / (1 - 0.5**2)
@@ -325,7 +325,7 @@ def test_a_first_guess_is_near_the_sphere_of_a_closed_form(name):
     np.testing.assert_allclose(1e9 * metres.grid.lengths, guess.grid.lengths, rtol=1e-3)
 
 
-@pytest.mark.filterwarnings("ignore::jaxstab.FitWarning")
+@pytest.mark.filterwarnings("ignore::jaxstab.exceptions.FitWarning")
 @pytest.mark.parametrize("tabor", [0.15, 1.0, 5.0])
 def test_a_first_guess_finds_modulus_and_work_from_jkr_to_dmt(tabor):
     """Within the noise the work of adhesion and a range that is too long make up for each other."""
@@ -340,12 +340,14 @@ def test_a_first_guess_finds_modulus_and_work_from_jkr_to_dmt(tabor):
 
 def test_a_first_guess_says_what_it_lacks():
     jkr = synthetic.recorded(synthetic.jkr(3.0), 0)
-    with pytest.warns(js.FitWarning, match=r"range of about .* nm, and a grid of 8 points") as said:
+    with pytest.warns(
+        js.exceptions.FitWarning, match=r"range of about .* nm, and a grid of 8 points"
+    ) as said:
         js.first_guess(jkr, synthetic.RADIUS, 0.5, points=8)
     assert "where=lambda contact: (contact.potential.surface_energy" in str(said[0].message)
     hertz = synthetic.recorded(synthetic.hertz(), 0)
     for part in ("approach", "retraction"):
-        with pytest.warns(js.FitWarning, match=f"the {part} shows no attraction"):
+        with pytest.warns(js.exceptions.FitWarning, match=f"the {part} shows no attraction"):
             hard = js.first_guess(hertz, synthetic.RADIUS, 0.5, segment=part, points=8)
         assert isinstance(hard.potential, js.potentials.NoAdhesion)
         modulus = 1e-3 * hard.solid.contact_modulus
@@ -389,7 +391,7 @@ def test_a_spring_constant_that_is_too_small_is_named(name, factor):
         js.calibrate(contact(), js.FarDisplacement, weak)
 
 
-@pytest.mark.filterwarnings("ignore::jaxstab.FitWarning")
+@pytest.mark.filterwarnings("ignore::jaxstab.exceptions.FitWarning")
 def test_a_first_guess_is_near_for_clipped_digitised_and_exact_forces():
     exact = synthetic.recorded(
         synthetic.hertz(), 0, noise=0.0, tilt=0.0, offsets=(0.0, 0.0), drift=0.0
@@ -408,7 +410,7 @@ def test_a_first_guess_is_near_for_clipped_digitised_and_exact_forces():
 
 
 @pytest.mark.parametrize("tail", [0.05, -0.05])
-@pytest.mark.filterwarnings("ignore::jaxstab.FitWarning")
+@pytest.mark.filterwarnings("ignore::jaxstab.exceptions.FitWarning")
 def test_a_first_guess_of_a_soft_sample_is_near_beside_a_weak_tail(tail):
     """A bead of 18.6 um on a gel of 12 kPa, in um and nN, whose force begins 1 um away."""
     indentation = np.linspace(-12, 1, 20000)
@@ -431,7 +433,7 @@ def test_a_radius_in_another_unit_than_the_curve_is_noticed(factor):
     force = force * np.sqrt(radius / synthetic.RADIUS)
     curve = synthetic.recorded((indentation, force), 0, constant=0.5, reach=2e4, speed=5e3)
     with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always", js.FitWarning)
+        warnings.simplefilter("always", js.exceptions.FitWarning)
         guess = js.first_guess(curve.in_units("µm", "nN"), factor * 5, 0.5, points=8)
     said = " ".join(str(one.message) for one in caught)
     if factor == 1:
@@ -443,7 +445,7 @@ def test_a_radius_in_another_unit_than_the_curve_is_noticed(factor):
         assert "ball of the radius, 5e+03 µm" in said and "0.5 N/m by 1.03e+04 µm" in said
 
 
-@pytest.mark.filterwarnings("ignore::jaxstab.WindowWarning")
+@pytest.mark.filterwarnings("ignore::jaxstab.exceptions.WindowWarning")
 def test_a_map_with_holes_and_bad_curves_gives_maps_with_errors(law):
     good = synthetic.recorded(law, 0, **RECORD)
     named = {(0, 0): good, (2, 1): -good}
@@ -451,7 +453,7 @@ def test_a_map_with_holes_and_bad_curves_gives_maps_with_errors(law):
     whole = js.force_curves.ForceCurves(tuple(curves), (3, 2))
     start = contact(0.06, 5.0, 0.12)
     message = r"1 of 2 curves have no fit. pixel \(2, 1\): .*-curve"
-    with pytest.warns(js.FitWarning, match=message):
+    with pytest.warns(js.exceptions.FitWarning, match=message):
         fits = js.calibrate_each(lambda _: start, js.FarDisplacement, whole)
     modulus, error = (f("solid.youngs_modulus") for f in (fits.values, fits.errors))
     assert np.argwhere(np.isfinite(modulus)).tolist() == [[0, 0]]
@@ -479,7 +481,7 @@ def test_a_map_with_holes_and_bad_curves_gives_maps_with_errors(law):
     assert apart.names == (*fits.names, "other") and "other" in repr(apart)
     alone = replace(fits, fits=(None, moved), reasons=("far away", ""))
     with pytest.raises(
-        js.SolverError, match=r"^None of 2 curves has a fit. pixel \(0, 0\): On the o"
+        js.exceptions.SolverError, match=r"^None of 2 curves has a fit. pixel \(0, 0\): On the o"
     ):
         fits.with_error_of_grid(alone)
 
@@ -487,7 +489,9 @@ def test_a_map_with_holes_and_bad_curves_gives_maps_with_errors(law):
 def test_several_curves_without_any_fit_are_refused():
     curve = synthetic.recorded(synthetic.dmt(), 0)
     curves = js.force_curves.ForceCurves((-curve, -curve))
-    with pytest.raises(js.SolverError, match=r"None of 2 curves has a fit. curve 0: The approach"):
+    with pytest.raises(
+        js.exceptions.SolverError, match=r"None of 2 curves has a fit. curve 0: The approach"
+    ):
         js.calibrate_each(contact(), js.FarDisplacement, curves)
     with pytest.raises(ValueError, match="There is no force curve: give at least one"):
         js.calibrate_each(contact(), js.FarDisplacement, curves[2:])

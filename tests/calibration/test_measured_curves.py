@@ -155,12 +155,12 @@ def test_a_zero_that_is_off_is_warned_of_and_no_longer_biases_the_work_of_adhesi
     forces = forces_of(POSITIONS, ENERGY, RANGE, 0.01, 0.0)
     forces += 2e-3 * np.random.default_rng(2).normal(size=forces.size)
     message = r"offset of about 0\.0.* baseline of .*offset=True"
-    with pytest.warns(js.FitWarning, match=message) as said:
+    with pytest.warns(js.exceptions.FitWarning, match=message) as said:
         biased = fit_flat(forces, offset=False, baseline=False)
     assert {warning.filename for warning in said} == {__file__}
     assert biased.offset == biased.baseline == biased.offset_error == 0
     with warnings.catch_warnings():
-        warnings.simplefilter("error", js.FitWarning)
+        warnings.simplefilter("error", js.exceptions.FitWarning)
         fit = fit_flat(forces)
     errors = np.sqrt(np.diag(fit.covariance))
     assert (abs(found(fit) - [ENERGY, RANGE, 0.01, 0.0]) < 3 * errors).all()
@@ -182,10 +182,12 @@ def test_masked_forces_are_not_fitted():
 
 
 def test_forces_of_the_wrong_sign_are_refused():
-    with pytest.raises(js.SolverError, match=r"opposite sign.*negative where the surfaces attract"):
+    with pytest.raises(
+        js.exceptions.SolverError, match=r"opposite sign.*negative where the surfaces attract"
+    ):
         fit_flat(-noisy(0), offset=False, baseline=False)
     cure = r"change the sign of the loads or of the forces"
-    with pytest.raises(js.SolverError, match=cure) as told:
+    with pytest.raises(js.exceptions.SolverError, match=cure) as told:
         fit_flat(-noisy(0))
     assert told.value.found.result != js.RESULTS.successful
     # No other start, nor a profile, is tried from a guess of another sign.
@@ -196,7 +198,9 @@ def test_forces_of_the_wrong_sign_are_refused():
 @pytest.mark.parametrize("drift", [0.1, -0.2])
 def test_a_drift_is_named_and_without_it_there_is_no_warning(drift):
     forces = noisy(0) + drift * np.linspace(0, 1, POSITIONS.size)
-    with pytest.warns(js.FitWarning, match=r"drifted steadily.*subtract the line") as told:
+    with pytest.warns(
+        js.exceptions.FitWarning, match=r"drifted steadily.*subtract the line"
+    ) as told:
         fit = fit_flat(forces)
     # The part is that which a fit of the closed form with a slope removes.
     line = np.linspace(-1, 1, POSITIONS.size)
@@ -210,7 +214,7 @@ def test_a_drift_is_named_and_without_it_there_is_no_warning(drift):
     said = float(str(told[0].message).split("fall by ")[1].split("%")[0]) / 100
     np.testing.assert_allclose(said, 1 - least[0] / least[1], atol=0.1)
     with warnings.catch_warnings():
-        warnings.simplefilter("error", js.FitWarning)
+        warnings.simplefilter("error", js.exceptions.FitWarning)
         fit_flat(forces - drift * np.linspace(0, 1, POSITIONS.size))
 
 
@@ -218,13 +222,13 @@ def test_an_outlier_is_named():
     forces = noisy(0)
     forces[5] += 50.0
     with pytest.raises(
-        js.SolverError, match=r"measurement number 5, at a load of 0\.386957.*outlier"
+        js.exceptions.SolverError, match=r"measurement number 5, at a load of 0\.386957.*outlier"
     ):
         fit_flat(forces)
     # A small one leaves a fit, with a warning.
     forces = noisy(0)
     forces[5] += 0.03
-    with pytest.warns(js.FitWarning, match=r"measurement number 5.*masked_array"):
+    with pytest.warns(js.exceptions.FitWarning, match=r"measurement number 5.*masked_array"):
         fit_flat(forces)
 
 
@@ -240,7 +244,7 @@ def test_an_outlier_is_named_wherever_it_lies(number):
     if fit.result == "successful":
         (message,) = said
     else:
-        with pytest.raises(js.SolverError) as failed:
+        with pytest.raises(js.exceptions.SolverError) as failed:
             fit_flat(forces)
         message = str(failed.value)
     assert f"measurement number {number}," in message and "outlier" in message
@@ -249,7 +253,7 @@ def test_an_outlier_is_named_wherever_it_lies(number):
 
 def test_loads_in_other_units_are_told_from_a_wrong_sign():
     forces = noisy(0)
-    with pytest.raises(js.SolverError, match="other units") as told:
+    with pytest.raises(js.exceptions.SolverError, match="other units") as told:
         js.calibrate(flat(0.03, 0.07), js.MeanGap(1000 * np.linspace(0.05, 0.4, 24)), forces=forces)
     assert "opposite sign" not in str(told.value) and "change the sign" not in str(told.value)
 
@@ -258,7 +262,7 @@ def test_parameters_that_the_curve_does_not_tell_apart_are_refused():
     # Under a held gap, a shift of flat surfaces is the same as another work of adhesion.
     gaps = np.linspace(0.05, 0.4, 12)
     forces = -SIDE * ENERGY / RANGE * np.exp(-gaps / RANGE)
-    with pytest.raises(js.SolverError, match="not determined"):
+    with pytest.raises(js.exceptions.SolverError, match="not determined"):
         js.calibrate(
             flat(0.03, 0.07),
             js.MeanGap(gaps),
@@ -376,7 +380,7 @@ def test_a_curve_of_jkr_gives_what_a_fit_of_their_closed_form_gives():
 def test_a_missing_baseline_is_named_alone_beside_a_fitted_offset():
     forces = forces_of(POSITIONS, ENERGY, RANGE, 0.01, 0.05)
     with pytest.warns(
-        js.FitWarning, match=r"if the measurements had a baseline of about 0\.04"
+        js.exceptions.FitWarning, match=r"if the measurements had a baseline of about 0\.04"
     ) as said:
         fit_flat(forces, offset=True, baseline=False)
     assert "offset" not in str(said[0].message)

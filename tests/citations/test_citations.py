@@ -10,13 +10,13 @@ import jaxstab as js
 
 # Sources whose papers name what they are about: (what, surnames of the authors, year).
 KNOWN = [
-    (js.PolonskyKeerRey, ["Polonsky", "Keer"], "1999"),
-    (js.PolonskyKeerRey, ["Rey", "Anciaux", "Molinari"], "2017"),
+    (js.solvers.PolonskyKeerRey, ["Polonsky", "Keer"], "1999"),
+    (js.solvers.PolonskyKeerRey, ["Rey", "Anciaux", "Molinari"], "2017"),
     (js.equilibrate, ["Rey", "Bleyer"], "2018"),
     (js.assess_stability, ["Rey", "Bleyer"], "2018"),
     (js.ProximalIteration, ["Rey", "Bleyer"], "2018"),
-    (js.Davidson, ["Morgan", "Scott"], "1986"),
-    (js.ProjectedLOBPCG, ["Knyazev"], "2001"),
+    (js.solvers.Davidson, ["Morgan", "Scott"], "1986"),
+    (js.solvers.ProjectedLOBPCG, ["Knyazev"], "2001"),
     (js.HalfSpace, ["Westergaard"], "1939"),
     (js.continuation, ["Keller"], "1977"),
     (js.transition, ["E", "Ren", "Vanden-Eijnden"], "2007"),
@@ -74,8 +74,9 @@ def test_a_source_is_cited_for_what_it_is_behind(what, authors, year):
 
 
 def test_everything_public_is_accepted_and_the_software_always_cited():
-    for name in js.__all__:
-        citations = js.cite(getattr(js, name))
+    rooms = (js, js.results, js.solvers)
+    for item in (getattr(room, name) for room in rooms for name in room.__all__):
+        citations = js.cite(item)
         assert "jaxstab" in entries(citations.bibtex)
         assert str(citations).startswith("The jaxstab developers.")
 
@@ -112,7 +113,7 @@ def test_a_result_stands_for_its_class_and_its_parts():
     )
     found = str(js.cite(contact))
     assert all(name in found for name in ("Bleyer", "Westergaard", "Dugdale"))
-    assert "Polonsky" in str(js.cite(js.PolonskyKeerRey()))
+    assert "Polonsky" in str(js.cite(js.solvers.PolonskyKeerRey()))
 
 
 def test_a_solid_of_ones_own_stands_for_what_it_derives_from():

@@ -221,7 +221,7 @@ class Found(SimpleNamespace):
         super().__init__(
             result=js.RESULTS.successful,
             load=js.MeanPressure(-tension),
-            kind=js.KINDS.fold,
+            kind=js.results.KINDS.fold,
         )
 
 

@@ -32,7 +32,9 @@ def test_a_power_law_is_found_with_its_power(power, ranges):
     if power > 0:
         np.testing.assert_allclose(js.extrapolate(law, FLAT, ranges=ranges, to=0).value, 3)
     else:
-        with pytest.raises(js.SolverError, match=r"go on with the power -0.5 .* no limit at the"):
+        with pytest.raises(
+            js.exceptions.SolverError, match=r"go on with the power -0.5 .* no limit at the"
+        ):
             js.extrapolate(law, FLAT, ranges=ranges, to=0)
 
 
@@ -161,18 +163,20 @@ def test_an_extrapolation_prints_a_line_for_each_range():
 def test_what_tells_of_no_limit_is_refused_with_the_cure():
     for waving in ([1.0, 1.2, 1.1, 1.3, 1.0], [1.0, 1.2, 1.2, 1.3, 1.0]):
         given = partial(next, iter(waving))
-        with pytest.raises(js.SolverError, match=r"rise and fall.*finer grid"):
+        with pytest.raises(js.exceptions.SolverError, match=r"rise and fall.*finer grid"):
             js.extrapolate(lambda contact, given=given: given(), FLAT, to=0)
     # As of a rough contact of 48² points.
     for jumping in ([1.27, 2.53, 2.6, 2.61, 1.2], [1.0, 1.01, 2.0, 2.1, 1.0]):
         given = partial(next, iter(jumping))
-        with pytest.raises(js.SolverError, match="follow no power of the range from -2 to 6"):
+        with pytest.raises(
+            js.exceptions.SolverError, match="follow no power of the range from -2 to 6"
+        ):
             js.extrapolate(lambda contact, given=given: given(), FLAT, to=1e-4)
     shortest = js.resolved_range(FLAT, 8)
     falling = iter([0.79e-4, 1.59e-4, 2.4e-4, 3.15e-4, 0.4e-4])
-    with pytest.raises(js.SolverError, match=r"change so much.*above 25 % of the first"):
+    with pytest.raises(js.exceptions.SolverError, match=r"change so much.*above 25 % of the first"):
         js.extrapolate(lambda contact: next(falling), FLAT, to=0.7 * shortest)
-    with pytest.raises(js.SolverError, match=r"nan.*must be finite"):
+    with pytest.raises(js.exceptions.SolverError, match=r"nan.*must be finite"):
         js.extrapolate(lambda contact: np.nan, FLAT, to=0)
     with pytest.raises(ValueError, match=r"function returns has shape \(2,\): give one number"):
         js.extrapolate(lambda contact: np.ones(2), FLAT, to=0)

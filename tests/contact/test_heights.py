@@ -83,11 +83,11 @@ def test_a_number_for_missing_points_is_named(mark):
     heights[2:4, 3] = mark
     message = re.escape(f"2 of 48 heights are {mark:g}, while all others lie within 0.0")
     for window in (SOLID, js.FreeHalfSpace(GRID, 1.0)):
-        with pytest.warns(js.SurfaceWarning, match=message):
+        with pytest.warns(js.exceptions.SurfaceWarning, match=message):
             contact_of(heights, window)
-        with pytest.warns(js.SurfaceWarning, match=message):
+        with pytest.warns(js.exceptions.SurfaceWarning, match=message):
             contact_of(heights.astype(np.float32), window)
-    with pytest.warns(js.SurfaceWarning, match=message):
+    with pytest.warns(js.exceptions.SurfaceWarning, match=message):
         contact_of(js.surfaces.Topography(GRID, heights))
 
 
@@ -99,5 +99,5 @@ def test_a_punch_is_no_missing_point_and_in_no_other_unit():
 
 @pytest.mark.parametrize("factor", [1e-6, 1e3])
 def test_an_array_in_another_unit_than_the_lengths_is_named(factor):
-    with pytest.warns(js.SurfaceWarning, match=r"rms slope is .*in one unit"):
+    with pytest.warns(js.exceptions.SurfaceWarning, match=r"rms slope is .*in one unit"):
         contact_of(factor * HEIGHTS)

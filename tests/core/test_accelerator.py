@@ -152,7 +152,7 @@ def test_steps_of_an_accelerator_find_a_face_down_to_rounding(precision):
     tolerance = {"float64": 1e-11, "float32": 1e-5}[precision]
     with as_on_an_accelerator():
         there = js.equilibrate(contact, load)
-        stability = js.assess_stability(contact, state, js.ProjectedLOBPCG(tolerance))
+        stability = js.assess_stability(contact, state, js.solvers.ProjectedLOBPCG(tolerance))
     touching = np.asarray(state.in_contact).ravel()
     assert touching.sum() == 7
     matrix = dense_hessian(contact, state.gap)

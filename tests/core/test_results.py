@@ -98,7 +98,7 @@ def test_an_enumeration_is_the_collection_of_its_members(verdicts):
     assert js.VERDICTS.unstable in js.VERDICTS and "unstable" in js.VERDICTS
     for other in (js.RESULTS.successful, "successful", "stabel", 0, None):
         assert other not in js.VERDICTS
-    for members in (js.RESULTS, js.KINDS):
+    for members in (js.RESULTS, js.results.KINDS):
         assert [member.name for member in members] == list(members.names)
         assert all(members[member].startswith(f"{member}: ") for member in members)
     text = pydoc.plain(pydoc.render_doc(js.VERDICTS))
@@ -272,18 +272,18 @@ def test_the_last_of_several_results_raises_and_an_interrupted_one_does_not():
         return throw_failure(codes, len(results), lambda: "It ended")
 
     assert thrown(bad, good) == thrown(good, cut) == 2
-    with pytest.raises(js.SolverError, match="It ended: stagnated") as error:
+    with pytest.raises(js.exceptions.SolverError, match="It ended: stagnated") as error:
         thrown(good, good, bad)
     assert error.value.found == 3
 
 
 def test_enumerations_are_sequences_of_their_members():
-    for kind in (js.VERDICTS, js.KINDS, js.RESULTS):
+    for kind in (js.VERDICTS, js.results.KINDS, js.RESULTS):
         members = list(kind)
         assert len(members) == len(kind) == len(set(map(str, members)))
         assert all(member in kind and str(member) in kind for member in members)
         assert "no such name" not in kind and 0 not in kind
-    assert js.VERDICTS.stable in js.VERDICTS and js.VERDICTS.stable not in js.KINDS
+    assert js.VERDICTS.stable in js.VERDICTS and js.VERDICTS.stable not in js.results.KINDS
 
 
 def test_a_single_result_is_true_and_none_of_several_is_not(hertz):

@@ -109,7 +109,9 @@ def test_new_values_compile_nothing_and_a_bare_function_compiles_once(solid, hei
     def run(energy, modulus, load, tolerance):
         stiff = js.HalfSpace(solid.grid, modulus)
         contact = js.Contact(stiff, heights * load, named_law(energy))
-        equilibrium = js.equilibrate(contact, js.MeanGap(load), js.PolonskyKeerRey(tolerance))
+        equilibrium = js.equilibrate(
+            contact, js.MeanGap(load), js.solvers.PolonskyKeerRey(tolerance)
+        )
         solver = js.ProximalIteration(tolerance, max_steps=50)
         js.assess_stability(contact, equilibrium, solver, throw=False)
         js.sweep(contact, js.MeanGap(load * jnp.ones(2)), stability_solver=solver)

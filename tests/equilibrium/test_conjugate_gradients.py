@@ -23,7 +23,7 @@ LAWS = [
 def test_it_finds_the_state_that_the_reference_solver_finds(law, mean_gap):
     contact, load = rough_contact(N, law), js.MeanGap(mean_gap)
     equilibrium = js.equilibrate(contact, load)
-    reference = js.equilibrate(contact, load, js.PolonskyKeerRey())
+    reference = js.equilibrate(contact, load, js.solvers.PolonskyKeerRey())
     assert equilibrium.num_steps <= reference.num_steps
     np.testing.assert_allclose(equilibrium.gap, reference.gap, atol=1e-7)
     np.testing.assert_array_equal(equilibrium.in_contact, reference.in_contact)
@@ -44,7 +44,7 @@ def random_problem(seed):
     return js.Contact(contact.solid, contact.heights, law), load
 
 
-@pytest.mark.filterwarnings("ignore::jaxstab.ResolutionWarning")
+@pytest.mark.filterwarnings("ignore::jaxstab.exceptions.ResolutionWarning")
 @pytest.mark.parametrize("seed", range(30))
 def test_random_problems_end_at_a_minimum_by_way_of_falling_energies(seed):
     contact, load = random_problem(seed)
@@ -96,7 +96,7 @@ def test_steps_of_the_reference_solver_are_the_dense_ones():
     steps = list(dense_steps(heights, energy, length, start, 5))
     assert sum(is_pulled for _, is_pulled in steps) in (1, 2, 3)
     for number, (gap, _) in enumerate(steps, start=1):
-        solver = js.PolonskyKeerRey(max_steps=number)
+        solver = js.solvers.PolonskyKeerRey(max_steps=number)
         found = js.equilibrate(contact, load, solver, initial=start, throw=False)
         np.testing.assert_allclose(found.gap, gap, atol=1e-12)
 
@@ -163,7 +163,9 @@ def test_a_sinusoid_closes_at_westergaards_pressure():
 def test_a_load_past_pull_off_is_announced():
     contact = rough_contact(N, js.potentials.Exponential(0.01, 0.1))
     strongest = 0.01 / 0.1
-    with pytest.raises(js.SolverError, match=r"MeanPressure\(-0.11\).*pulled_off.*Pull less"):
+    with pytest.raises(
+        js.exceptions.SolverError, match=r"MeanPressure\(-0.11\).*pulled_off.*Pull less"
+    ):
         js.equilibrate(contact, js.MeanPressure(-1.1 * strongest))
     held = js.equilibrate(contact, js.MeanPressure(-0.01 * strongest))
     assert held.in_contact.any()
@@ -209,7 +211,7 @@ def test_full_contact_is_a_start_for_the_next_pressure():
 def test_the_reference_solver_refuses_a_pressure():
     contact = rough_contact(N, js.potentials.NoAdhesion())
     with pytest.raises(ValueError, match="PreconditionedConjugateGradient"):
-        js.equilibrate(contact, js.MeanPressure(0.1), js.PolonskyKeerRey())
+        js.equilibrate(contact, js.MeanPressure(0.1), js.solvers.PolonskyKeerRey())
     coded = js.equilibrate(contact, js.MeanPressure(jnp.nan), throw=False)
     assert coded.result == js.RESULTS.infeasible_load
 
@@ -219,11 +221,11 @@ def test_moves_of_another_precision_are_taken_and_none_below_zero():
     law = js.potentials.Exponential(np.float32(0.01), np.float32(0.1))
     solid = js.HalfSpace(contact.grid, np.float32(1))
     single = js.Contact(solid, contact.heights.astype(np.float32), law)
-    solver = js.PreconditionedConjugateGradient(max_move=np.float64(0.1))
+    solver = js.solvers.PreconditionedConjugateGradient(max_move=np.float64(0.1))
     assert js.equilibrate(single, js.MeanGap(0.08), solver).result == "successful"
     for max_move in (0, -0.1):
         with pytest.raises(ValueError, match="max_move"):
-            js.PreconditionedConjugateGradient(max_move=max_move)
+            js.solvers.PreconditionedConjugateGradient(max_move=max_move)
 
 
 def test_a_touch_without_adhesion_takes_no_more_steps_than_a_contact():

@@ -190,13 +190,13 @@ def test_a_failed_entry_is_nan_and_leaves_a_masked_sum_alone(contact):
 
 
 def test_an_equilibrium_that_was_not_found_has_no_derivative(contact):
-    hasty = js.PreconditionedConjugateGradient(tolerance=1e-13, max_steps=2)
+    hasty = js.solvers.PreconditionedConjugateGradient(tolerance=1e-13, max_steps=2)
 
     def pressure(x, throw=False):
         return solve(contact, x, hasty, throw=throw).mean_pressure
 
     assert jnp.isnan(jax.grad(pressure)(X)).all()
-    with pytest.raises(js.SolverError, match="max_steps_reached"):
+    with pytest.raises(js.exceptions.SolverError, match="max_steps_reached"):
         jax.grad(pressure)(X, throw=True)
 
 

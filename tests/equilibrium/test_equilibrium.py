@@ -167,7 +167,7 @@ def test_single_precision_reaches_its_tolerance_in_any_units(length, modulus):
     ],
 )
 def test_a_load_without_equilibrium_raises_or_is_coded(hertz, load, message):
-    with pytest.raises(js.SolverError, match=message):
+    with pytest.raises(js.exceptions.SolverError, match=message):
         js.equilibrate(hertz, load)
     equilibrium = js.equilibrate(hertz, load, throw=False)
     assert equilibrium.result == js.RESULTS.infeasible_load
@@ -211,8 +211,10 @@ def test_a_number_is_not_a_load(hertz):
 
 
 def test_a_step_limit_raises_or_is_coded(hertz):
-    load, solver = js.MeanDisplacement(1.2), js.PolonskyKeerRey(max_steps=5)
-    with pytest.raises(js.SolverError, match=r"after 5 steps.*residual of.*max_steps_reached"):
+    load, solver = js.MeanDisplacement(1.2), js.solvers.PolonskyKeerRey(max_steps=5)
+    with pytest.raises(
+        js.exceptions.SolverError, match=r"after 5 steps.*residual of.*max_steps_reached"
+    ):
         js.equilibrate(hertz, load, solver)
     equilibrium = js.equilibrate(hertz, load, solver, throw=False)
     assert equilibrium.result == js.RESULTS.max_steps_reached
@@ -221,7 +223,7 @@ def test_a_step_limit_raises_or_is_coded(hertz):
 
 def test_a_tolerance_beyond_the_precision_ends_with_a_code(hertz):
     equilibrium = js.equilibrate(
-        hertz, js.MeanDisplacement(1.2), js.PolonskyKeerRey(tolerance=1e-30), throw=False
+        hertz, js.MeanDisplacement(1.2), js.solvers.PolonskyKeerRey(tolerance=1e-30), throw=False
     )
     assert equilibrium.result == js.RESULTS.stagnated
     assert equilibrium.residual < 1e-12
@@ -241,7 +243,7 @@ def test_a_potential_that_turns_nan_is_refused_or_where_traced_coded(hertz):
 @pytest.mark.parametrize("options", [{"tolerance": 0.0}, {"tolerance": np.nan}, {"max_steps": 0}])
 def test_solver_settings_that_make_no_sense_are_refused(options):
     with pytest.raises(ValueError, match="must be positive"):
-        js.PolonskyKeerRey(**options)
+        js.solvers.PolonskyKeerRey(**options)
 
 
 def test_contacts_built_from_traced_nonsense_are_coded(hertz):

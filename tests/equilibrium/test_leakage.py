@@ -194,5 +194,7 @@ def test_what_cannot_be_done_is_said():
         js.leakage(window, state)
     # Gaps that differ by twenty orders, of which double precision has sixteen.
     gap = 10.0 ** (-20 * np.random.default_rng(0).random((8, 8)))
-    with pytest.raises(js.SolverError, match=r"fluxes balance to .* of the largest only"):
+    with pytest.raises(
+        js.exceptions.SolverError, match=r"fluxes balance to .* of the largest only"
+    ):
         leaking(gap)

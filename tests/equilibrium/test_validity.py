@@ -23,7 +23,9 @@ def warned(call, words):
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         found = call()
-    return found, [x for x in caught if x.category is js.ContactWarning and words in str(x.message)]
+    return found, [
+        x for x in caught if x.category is js.exceptions.ContactWarning and words in str(x.message)
+    ]
 
 
 @pytest.mark.parametrize(("pressure", "is_beyond"), [(0.05, False), (3.0, True)])

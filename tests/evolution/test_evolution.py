@@ -181,7 +181,7 @@ def test_a_jump_of_the_glassy_solid_is_located_and_its_loss_is_that_of_the_path(
     assert np.array(found.dissipation) == pytest.approx(np.array(loop.jumps.dissipation), rel=1e-3)
 
 
-@pytest.mark.filterwarnings("ignore::jaxstab.ResolutionWarning")
+@pytest.mark.filterwarnings("ignore::jaxstab.exceptions.ResolutionWarning")
 def test_a_jump_in_a_hold_is_the_same_however_long_the_hold_is():
     contact = viscoelastic(ratios=0.5, times=1.0, energy=0.003)
     contact = js.Contact(contact.solid, 2 * contact.heights, contact.potential)
@@ -268,7 +268,7 @@ def test_the_work_is_that_of_the_forces_at_many_times(dtype):
 
 
 @pytest.mark.nightly
-@pytest.mark.filterwarnings("ignore::jaxstab.ResolutionWarning")
+@pytest.mark.filterwarnings("ignore::jaxstab.exceptions.ResolutionWarning")
 def test_a_late_jump_behind_other_loads_is_that_of_many_small_steps():
     # Relaxation times over nearly four decades, with branches far stiffer than the relaxed one.
     ratios, times, k = (6.6, 44.0, 4.1), (0.015, 0.36, 68.0), 0.13

@@ -75,7 +75,7 @@ def test_kept_fields_have_no_derivatives_and_times_have():
     assert np.all(np.isnan(kept))
 
 
-@pytest.mark.filterwarnings("ignore::jaxstab.ResolutionWarning")
+@pytest.mark.filterwarnings("ignore::jaxstab.exceptions.ResolutionWarning")
 def test_derivatives_behind_jumps_are_those_of_differences():
     # Contact points release one by one.
     point, heights = jnp.array([0.04, 0.5, 0.3, 1.0]), 5 * WAVE
@@ -97,7 +97,7 @@ def test_derivatives_behind_jumps_are_those_of_differences():
         np.testing.assert_allclose(forward[3][0, i], slopes[0], 5e-3, 1e-3)
 
 
-@pytest.mark.filterwarnings("ignore::jaxstab.ResolutionWarning")
+@pytest.mark.filterwarnings("ignore::jaxstab.exceptions.ResolutionWarning")
 @pytest.mark.parametrize("noise", [0.0, 1e-11])
 def test_derivatives_behind_two_releases_at_once_are_nan_in_both_modes(noise):
     point, places = jnp.array([0.04, 0.5, 0.3, 1.0]), jnp.arange(32)
@@ -152,7 +152,7 @@ def test_single_precision_agrees_to_its_digits():
 
 
 @pytest.mark.nightly
-@pytest.mark.filterwarnings("ignore::jaxstab.ResolutionWarning")
+@pytest.mark.filterwarnings("ignore::jaxstab.exceptions.ResolutionWarning")
 def test_by_default_single_precision_takes_few_steps_too():
     grid = js.Grid(64, (30.0, 30.0))
     heights = js.surfaces.paraboloid(grid, radius=20.0)

@@ -36,7 +36,7 @@ def test_an_interrupted_evolution_keeps_its_states_and_goes_on(monkeypatch):
         return found(*inputs)
 
     monkeypatch.setattr(module, "follow_leg", interrupted)
-    with pytest.warns(js.PathInterrupted, match="3 of 8 times"):
+    with pytest.warns(js.exceptions.PathInterrupted, match="3 of 8 times"):
         first = js.evolve(contact, load, times, rtol=ANY)
     monkeypatch.undo()
     assert len(first) == len(first.load.value) == 4
@@ -56,7 +56,7 @@ def test_an_interrupt_after_the_last_time_loses_nothing(monkeypatch):
         return stacked(*inputs)
 
     monkeypatch.setattr(module, "stacked", interrupted)
-    with pytest.warns(js.PathInterrupted, match="after its last time; it is complete"):
+    with pytest.warns(js.exceptions.PathInterrupted, match="after its last time; it is complete"):
         found = js.evolve(contact, js.MeanDisplacement(values), times, rtol=ANY)
     np.testing.assert_array_equal(found.work, whole.work)
     assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
@@ -73,7 +73,7 @@ def test_after_a_failure_there_are_no_numbers_and_it_goes_on_from_the_last_state
         assert np.isnan(getattr(found, name)).tolist() == [False, False, True, True, True]
     assert np.all(np.isnan(found.fields.gap[2:]))
     assert np.isnan(js.growth_rate(found)) and np.isnan(js.growth_rate(found[-1]))
-    with pytest.raises(js.SolverError, match="no_equilibrium"):
+    with pytest.raises(js.exceptions.SolverError, match="no_equilibrium"):
         js.assess_stability(found[-1])
     with pytest.raises(TypeError, match="holds its equilibrium: give no other beside it"):
         js.assess_stability(found[-1], found[-1].instant[1])
@@ -105,7 +105,9 @@ def test_a_tolerance_below_the_rounding_of_equilibria_is_named():
 
     # Also where derivatives are taken.
     for call in (end, jax.grad(end)):
-        with pytest.raises(js.SolverError, match=r"with rtol = 1e-06: store_full.*raise `rtol`"):
+        with pytest.raises(
+            js.exceptions.SolverError, match=r"with rtol = 1e-06: store_full.*raise `rtol`"
+        ):
             call(0.002)
 
 
@@ -135,7 +137,12 @@ def test_mistakes_are_named():
         (ValueError, (contact, load, times.at[3].set(0.0)), {}, "the times must increase"),
         (ValueError, (contact, unknown, times), {}, r"The load is nan at \(3,\)"),
         (ValueError, (single, load, alike), {}, r"1000000\.0 at \(\d,\): the times must increase"),
-        (js.SolverError, (contact, load.at(values - 1), times), {}, "no start at t = 0, under"),
+        (
+            js.exceptions.SolverError,
+            (contact, load.at(values - 1), times),
+            {},
+            "no start at t = 0, under",
+        ),
         (ValueError, (contact, load, times), {"max_steps": 0}, "max_steps is 0"),
         (ValueError, (contact, load, times), {"rtol": [1e-3, 1e-4]}, r"rtol has shape \(2,\)"),
     ]:

@@ -57,7 +57,9 @@ def test_a_rough_contact_departs_along_its_mode_at_the_growth_rate(gap):
 
     def departure(sign):
         rest, move = start.internal, sign * mode
-        moved = js.Internal(rest.gap + move, rest.strains + np.append(1, turns)[:, None] * move)
+        moved = js.results.Internal(
+            rest.gap + move, rest.strains + np.append(1, turns)[:, None] * move
+        )
         times = jnp.linspace(0, 3 / rate, 61)
         initial = replace(start, last=moved)
         found = js.evolve(contact, held, times, initial=initial, rtol=ANY, fields=True)

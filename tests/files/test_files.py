@@ -262,7 +262,7 @@ def test_solids_with_a_scaled_stiffness_come_back(tmp_path):
     )
     layer = js.Layer(contact.grid, 1.0, 0.3, 0.1)
     rubber = js.Viscoelastic.from_moduli(layer, (0.5,), (1.0,))
-    altered = js.Solid.scaled(layer, jnp.array(2.0))
+    altered = js.solids.Solid.scaled(layer, jnp.array(2.0))
     for i, solid in enumerate((rubber, rubber.glassy, altered)):
         both = js.Contact(solid, contact.heights, contact.potential), state
         assert_same_bits(both, js.load(js.save(tmp_path / f"{i}.nc", *both)))

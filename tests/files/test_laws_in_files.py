@@ -89,7 +89,7 @@ def test_a_lost_law_inside_another_and_a_lost_solid_are_told(tmp_path):
     loaded, _ = js.load(path)
     with pytest.raises(ValueError, match="Local` the file holds values only"):
         js.equilibrate(loaded, state.load)
-    solid = js.Spectral(contact.grid, lambda q: q / 2)
+    solid = js.solids.Spectral(contact.grid, lambda q: q / 2)
     law = js.potentials.Exponential(0.01, 0.2)
     contact, state = state_of(js.Contact(solid, contact.heights, law), state.gap)
     with pytest.warns(UserWarning, match="<lambda>"):

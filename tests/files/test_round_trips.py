@@ -24,7 +24,7 @@ def maps(draw):
     return np.where(np.isnan(heights).all(), 0.0, heights)
 
 
-@pytest.mark.filterwarnings("ignore::jaxstab.SurfaceWarning")
+@pytest.mark.filterwarnings("ignore::jaxstab.exceptions.SurfaceWarning")
 @given(maps(), st.tuples(numbers, numbers), units)
 def test_a_surface_in_an_array_or_as_text(heights, lengths, unit):
     with tempfile.TemporaryDirectory() as folder:
@@ -40,7 +40,7 @@ def test_a_surface_in_an_array_or_as_text(heights, lengths, unit):
         np.testing.assert_array_equal(found.heights, heights)
 
 
-@pytest.mark.filterwarnings("ignore::jaxstab.SurfaceWarning")
+@pytest.mark.filterwarnings("ignore::jaxstab.exceptions.SurfaceWarning")
 @given(maps(), st.permutations(range(24)), st.tuples(*[st.floats(1e-3, 1e3)] * 2))
 def test_points_in_any_order(heights, order, spacing):
     sides = [dx * np.arange(n) for dx, n in zip(spacing, SHAPE, strict=True)]

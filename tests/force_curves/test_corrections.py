@@ -261,7 +261,7 @@ def test_of_several_curves_the_good_ones_are_corrected_and_the_bad_ones_named():
     bad = [replace(-good, source="second"), replace(good, approach=short, source="third")]
     curves = js.force_curves.ForceCurves((good, *bad, good))
     message = r"2 of 4 curves are not corrected. second: The approach pulls.* third: .*40 points"
-    with pytest.warns(js.force_curves.ForceCurveWarning, match=message):
+    with pytest.warns(js.exceptions.ForceCurveWarning, match=message):
         corrected = curves.corrected()
     assert [curve.correction is None for curve in corrected] == [False, True, True, False]
     np.testing.assert_array_equal(corrected[1].approach.force, bad[0].approach.force)

@@ -218,7 +218,7 @@ def test_curves_that_are_none_are_left_out_and_named(tmp_path):
     force[204:] = np.nan
     columns = height, force, np.repeat(["a", "b", "c"], 102)
     message = r"2 of 3 curves are left out. .*curve b: its height is the same .*curve c: only 0 of"
-    with pytest.warns(js.force_curves.ForceCurveWarning, match=message):
+    with pytest.warns(js.exceptions.ForceCurveWarning, match=message):
         curves = read(tmp_path, table(f"{TITLES},curve", *columns))
     assert len(curves) == 1
     np.testing.assert_allclose(curves[0].approach.force, 1e-9 * FORCE[:61], rtol=1e-12)
@@ -229,7 +229,7 @@ def test_curves_that_are_none_are_left_out_and_named(tmp_path):
 
 def test_reversed_forces_of_several_curves_are_told_once(tmp_path):
     columns = *(np.tile(column, 3) for column in (HEIGHT, -FORCE)), np.repeat([1, 2, 3], 102)
-    with pytest.warns(js.force_curves.ForceCurveWarning, match="3 of 3 curves look wrong") as said:
+    with pytest.warns(js.exceptions.ForceCurveWarning, match="3 of 3 curves look wrong") as said:
         read(tmp_path, table(f"{TITLES},curve", *columns))
     assert len(said) == 1
 
@@ -279,7 +279,7 @@ def test_a_contradicted_spring_constant_is_refused(tmp_path):
 
 
 def test_forces_with_the_wrong_sign_are_noticed_and_reversed(tmp_path):
-    with pytest.warns(js.force_curves.ForceCurveWarning, match="attraction seems to be positive"):
+    with pytest.warns(js.exceptions.ForceCurveWarning, match="attraction seems to be positive"):
         curve = read(tmp_path, table(TITLES, HEIGHT, -FORCE))
     assert "looks wrong" in repr(curve)
     expected = read(tmp_path, table())

@@ -82,7 +82,7 @@ def test_a_path_shared_with_other_processes_returns_no_part(hertz, loop, monkeyp
 
 @pytest.mark.usefixtures("interrupted")
 def test_an_interrupted_path_returns_what_is_done(hertz, loop):
-    with pytest.warns(js.PathInterrupted, match=r"interrupted at \d+ %"):
+    with pytest.warns(js.exceptions.PathInterrupted, match=r"interrupted at \d+ %"):
         turns = js.MeanDisplacement(jnp.array([1.6, 1.2, 1.6]))
         path = js.follow(hertz, turns, smallest_jump=1e-5, fields=True)
     assert path.result == "interrupted"
@@ -131,7 +131,7 @@ def test_an_interrupt_at_any_line_leaves_whole_records(tmp_path):
         seen = set(lines)
         sys.settrace(interrupted_at(number))
         try:
-            with pytest.warns(js.PathInterrupted):
+            with pytest.warns(js.exceptions.PathInterrupted):
                 path = js.follow(contact, turns, fields=True)
         finally:
             sys.settrace(tracer)
@@ -157,7 +157,7 @@ def test_an_interrupt_after_the_last_step_loses_nothing(hertz, loop, monkeypatch
         return path_of(*arguments)
 
     monkeypatch.setattr(module, "path_of", interrupted)
-    with pytest.warns(js.PathInterrupted, match="after its last step; it is complete"):
+    with pytest.warns(js.exceptions.PathInterrupted, match="after its last step; it is complete"):
         turns = js.MeanDisplacement(jnp.array([1.6, 1.2, 1.6]))
         path = js.follow(hertz, turns, smallest_jump=1e-5, fields=True)
     assert path.result == "successful"
@@ -271,7 +271,7 @@ def test_a_gain_of_energy_that_no_load_supplies_ends_as_failed():
     assert js.follow(smooth, turns).result == "successful"
     # Without its check: a value that jumps by 2e-4.
     jumping = eqx.tree_at(lambda contact: contact.potential.reach, smooth, jnp.array(0.12, float))
-    with pytest.raises(js.SolverError, match=r"unbalanced_work.*CutOff") as told:
+    with pytest.raises(js.exceptions.SolverError, match=r"unbalanced_work.*CutOff") as told:
         js.follow(jumping, turns)
     path = told.value.found
     assert path.unlocated < -path.unlocated_error
@@ -305,7 +305,9 @@ def test_a_load_that_rounding_reaches_a_step_too_early_is_passed():
 def test_what_cannot_be_followed_is_told(hertz):
     with pytest.raises(ValueError, match="takes the turning points of a load, two or more"):
         js.follow(hertz, js.MeanDisplacement(1.3))
-    with pytest.raises(js.SolverError, match=r"MeanDispl\S+\(\S+\) after \d+ states") as told:
+    with pytest.raises(
+        js.exceptions.SolverError, match=r"MeanDispl\S+\(\S+\) after \d+ states"
+    ) as told:
         js.follow(hertz, js.MeanDisplacement(jnp.array([1.6, 1.4, -1.0])), fields=True)
     assert len(told.value.found.load.value) > 8
     with pytest.raises(ValueError, match=r"The load is nan at \(\d,\): give finite numbers"):

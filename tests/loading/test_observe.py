@@ -14,7 +14,7 @@ import jaxstab as js
 from jaxstab.__main__ import main
 
 
-class CubedPressure(js.Observable):
+class CubedPressure(js.results.Observable):
     """An observable as a user adds it: the sum of |p|^3 over the contact."""
 
     total: Annotated[Float[Array, ""], js.Dimension("pressure^3 length^2")]
@@ -26,7 +26,7 @@ def cubed_pressure(contact, equilibrium):
     return CubedPressure(jnp.sum(cubes) * contact.grid.cell_area, cubes, units=contact.units)
 
 
-class Bare(js.Observable):
+class Bare(js.results.Observable):
     total: Annotated[Array, js.Dimension("pressure")]
 
 

@@ -99,7 +99,7 @@ def test_from_full_contact_the_point_under_the_largest_tension_lets_go():
 
 
 @pytest.mark.nightly
-@pytest.mark.filterwarnings("ignore::jaxstab.WindowWarning")
+@pytest.mark.filterwarnings("ignore::jaxstab.exceptions.WindowWarning")
 def test_on_a_window_a_sphere_comes_off_where_the_pull_of_a_held_far_side_is_largest():
     contact = sphere_on_window()
 
@@ -149,7 +149,9 @@ def test_a_soft_machine_lets_go_like_a_dead_load_and_a_stiff_one_without_a_jump(
     # The state that remains hangs on the machine alone.
     assert not soft.after.in_contact.any()
     assert -1e-2 < soft.after.mean_pressure / dead.load.value < 1e-2
-    with pytest.raises(js.SolverError, match=r"No pull-off found from Spring.*without a jump"):
+    with pytest.raises(
+        js.exceptions.SolverError, match=r"No pull-off found from Spring.*without a jump"
+    ):
         js.pull_off(contact, spring=1e2)
     rate = jax.grad(lambda k: js.pull_off(contact, spring=k).load.value)(1e-3)
     step = 1e-8
@@ -183,13 +185,13 @@ def test_a_flat_surface_without_attraction_has_no_pull_off_from_a_spring():
     # Unlike a rough surface it has an equilibrium at zero pressure.
     law = js.potentials.Exponential(0.0, 0.06)
     flat = js.Contact(js.HalfSpace(js.Grid(8), 1.0), jnp.zeros((8, 8)), law)
-    with pytest.raises(js.SolverError, match=NO_ATTRACTION):
+    with pytest.raises(js.exceptions.SolverError, match=NO_ATTRACTION):
         js.pull_off(flat, spring=1.0)
 
 
 def test_what_has_no_pull_off_is_told():
     repelling = surface(js.potentials.Exponential(0.0, 0.06))
-    with pytest.raises(js.SolverError, match=NO_ATTRACTION):
+    with pytest.raises(js.exceptions.SolverError, match=NO_ATTRACTION):
         js.pull_off(repelling)
     none = js.pull_off(repelling, throw=False)
     assert none.result != "successful"
@@ -229,7 +231,7 @@ def test_the_point_that_lets_go_is_found_where_the_last_state_lies_before_it():
     np.testing.assert_allclose(rate, -4.58231, rtol=1e-5)
 
 
-@pytest.mark.filterwarnings("ignore::jaxstab.ResolutionWarning")
+@pytest.mark.filterwarnings("ignore::jaxstab.exceptions.ResolutionWarning")
 def test_in_single_precision_a_release_is_found_from_states_past_it():
     random, phase = np.random.default_rng(4), 2 * np.pi * np.arange(16) / 16
     waves = [

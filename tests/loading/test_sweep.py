@@ -78,7 +78,7 @@ def test_stability_can_be_left_out(unloading, independent):
     assert_same_bits(swept.equilibrium, independent[:4].equilibrium)
     with pytest.raises(ValueError, match="stability=True"):
         js.plots.stability_curve(swept)
-    with pytest.raises(js.SolverError, match=r"1 of 1 loads.*infeasible_load"):
+    with pytest.raises(js.exceptions.SolverError, match=r"1 of 1 loads.*infeasible_load"):
         js.sweep(unloading, js.MeanGap(-LOADS[:1]), stability=False, throw=True)
 
 
@@ -98,7 +98,7 @@ def interrupt_at(number, monkeypatch):
 @pytest.mark.usefixtures("interruptible")
 def test_an_interrupted_sweep_returns_what_is_done(unloading, independent, monkeypatch):
     interrupt_at(4, monkeypatch)
-    with pytest.warns(js.SweepInterrupted, match="3 of 32 loads"):
+    with pytest.warns(js.exceptions.SweepInterrupted, match="3 of 32 loads"):
         swept = js.sweep(unloading, js.MeanGap(LOADS))
     assert_same_bits(swept, independent[:3])
 
@@ -216,7 +216,7 @@ def test_a_progress_bar_counts_to_the_end_and_changes_nothing(unloading, capsys,
 def test_a_sweep_raises_only_if_asked(unloading):
     loads = js.MeanGap(jnp.array([0.2, -1.0]))
     with pytest.raises(
-        js.SolverError, match=r"1 of 2 loads.*MeanGap\(-1\).*infeasible_load"
+        js.exceptions.SolverError, match=r"1 of 2 loads.*MeanGap\(-1\).*infeasible_load"
     ) as told:
         js.sweep(unloading, loads, throw=True)
     assert list(told.value.found.equilibrium.result == "successful") == [True, False]

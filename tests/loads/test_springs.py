@@ -160,7 +160,9 @@ def test_newtons_per_metre_that_are_taken_for_pascals_per_metre_are_told_once():
         warnings.simplefilter("default")
         js.sweep(contact, load, stability=False)
         js.equilibrate(contact, js.Spring.cantilever(0.0, 1.0, contact.grid), throw=False)
-    (message,) = (str(x.message) for x in said if issubclass(x.category, js.MachineWarning))
+    (message,) = (
+        str(x.message) for x in said if issubclass(x.category, js.exceptions.MachineWarning)
+    )
     stiffness, softest = map(float, re.findall(r"(?:is|wave) ([0-9.e+]+)[ :]", message)[:2])
     # The padded cell is twice as long: its softest wave is stiff by about E* pi / (2 L).
     assert stiffness == 1 and softest == pytest.approx(2e6 * np.pi / 2e-6, rel=0.2)
@@ -173,7 +175,7 @@ def test_soft_cantilevers_on_stiff_solids_and_machines_under_jit_are_not_warned_
         warnings.simplefilter("always")
         js.equilibrate(silica, js.Spring.cantilever(0.0, 0.01, silica.grid), throw=False)
         jax.eval_shape(lambda k: js.equilibrate(silica, js.Spring(0.0, k), throw=False), 1.0)
-    assert not any(issubclass(x.category, js.MachineWarning) for x in said)
+    assert not any(issubclass(x.category, js.exceptions.MachineWarning) for x in said)
 
 
 def test_a_pull_off_through_a_machine_far_too_soft_is_warned_of():
@@ -182,8 +184,8 @@ def test_a_pull_off_through_a_machine_far_too_soft_is_warned_of():
     contact = js.Contact(js.HalfSpace(grid, 1.0), heights, js.potentials.Exponential(0.05, 0.2))
     with warnings.catch_warnings():
         # Before anything is solved with it.
-        warnings.simplefilter("error", js.MachineWarning)
-        with pytest.raises(js.MachineWarning, match=r"2e-09 \[pressure/length\]"):
+        warnings.simplefilter("error", js.exceptions.MachineWarning)
+        with pytest.raises(js.exceptions.MachineWarning, match=r"2e-09 \[pressure/length\]"):
             js.pull_off(contact, spring=2e-9)
 
 

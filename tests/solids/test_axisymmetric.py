@@ -20,7 +20,7 @@ def rings():
 
 @pytest.fixture(scope="module")
 def solid(rings):
-    return js.AxisymmetricHalfSpace(rings, 3.0, 0.3)
+    return js.solids.AxisymmetricHalfSpace(rings, 3.0, 0.3)
 
 
 @pytest.fixture(scope="module")
@@ -161,13 +161,13 @@ def test_pull_off_is_between_the_limits_of_maugis(sticky):
 
 def test_a_thin_layer_is_an_elastic_foundation(rings):
     layer = js.Layer(js.Grid(4), 1.0, 0.3, 0.01)
-    pressure = js.Axisymmetric(rings, layer).apply(jnp.ones(N))
+    pressure = js.solids.Axisymmetric(rings, layer).apply(jnp.ones(N))
     np.testing.assert_allclose(pressure[: N // 2], layer.uniform_stiffness, rtol=1e-3)
 
 
 def test_a_layer_agrees_with_its_hankel_transform(rings):
     layer = js.Layer(js.Grid(4), 1.0, 0.3, 0.5)
-    found = js.Axisymmetric(rings, layer).displacement(jnp.ones(N))[0]
+    found = js.solids.Axisymmetric(rings, layer).displacement(jnp.ones(N))[0]
 
     def integrand(q):
         # u(0) under a uniform pressure on a disc: R int J_1(q R) / K dq.
@@ -190,7 +190,7 @@ def test_a_layer_agrees_with_its_hankel_transform(rings):
 def test_derivatives_agree_with_differences(rings):
     def force(modulus, radius):
         disc = js.Rings(60, radius)
-        solid = js.AxisymmetricHalfSpace(disc, modulus)
+        solid = js.solids.AxisymmetricHalfSpace(disc, modulus)
         contact = js.Contact(solid, js.surfaces.paraboloid(disc, 4.0), Exponential(0.002, 0.05))
         return js.equilibrate(contact, js.FarDisplacement(-0.05)).force
 
@@ -245,7 +245,7 @@ def test_rings_are_chosen_for_a_contact():
         return -(r**2) / 2e-5
 
     chosen = js.Rings.for_contact(profile, 1e6, force=1e-8, work_of_adhesion=0.05, length=40e-9)
-    solid = js.AxisymmetricHalfSpace(chosen, 1e6)
+    solid = js.solids.AxisymmetricHalfSpace(chosen, 1e6)
     contact = js.Contact(solid, profile(chosen.radii), Exponential(0.05, 40e-9))
     state = js.equilibrate(contact, js.MeanPressure(1e-8 / float(chosen.area)))
     radius = float(chosen.radius) * float(state.contact_area) ** 0.5
@@ -275,16 +275,16 @@ def test_mistakes_are_told(rings, solid, sticky):
     with pytest.raises(TypeError, match="AxisymmetricHalfSpace"):
         js.HalfSpace(rings, 1.0)
     with pytest.raises(TypeError, match="no rings"):
-        js.AxisymmetricHalfSpace(js.Grid(8), 1.0)
+        js.solids.AxisymmetricHalfSpace(js.Grid(8), 1.0)
     with pytest.raises(TypeError, match="stiffness for every wavenumber"):
-        js.Axisymmetric(rings, solid)
+        js.solids.Axisymmetric(rings, solid)
     with pytest.raises(ValueError, match="FarDisplacement"):
         js.equilibrate(sticky, js.MeanGap(0.1))
     grid = js.Grid(8)
     flat = js.Contact(js.HalfSpace(grid, 1.0), jnp.zeros((8, 8)), NoAdhesion())
     with pytest.raises(ValueError, match="orders"):
         js.assess_stability(flat, js.equilibrate(flat, js.MeanGap(0.1)), orders=2)
-    with pytest.warns(js.WindowWarning, match="edges"):
+    with pytest.warns(js.exceptions.WindowWarning, match="edges"):
         js.equilibrate(sticky, js.FarDisplacement(-1.2))
 
 

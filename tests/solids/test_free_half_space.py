@@ -183,9 +183,11 @@ def test_what_a_window_cannot_answer_is_said():
             ValueError, match=rf"{name} cannot be held on the window of a FreeHalfSpace.*FarDisp"
         ):
             js.follow(contact, type(load)(jnp.asarray([0.1, 0.2])))
-    with pytest.warns(js.WindowWarning, match="edges of the window the pressure exceeds 1% of"):
+    with pytest.warns(
+        js.exceptions.WindowWarning, match="edges of the window the pressure exceeds 1% of"
+    ):
         js.equilibrate(contact, js.FarDisplacement(-0.25))
-    with pytest.raises(js.SolverError, match="bulges around its edges"):
+    with pytest.raises(js.exceptions.SolverError, match="bulges around its edges"):
         js.equilibrate(contact, js.FarDisplacement(-5.0))
 
 

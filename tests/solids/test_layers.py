@@ -150,7 +150,7 @@ def test_the_base_of_a_layer_can_be_held():
 
 def test_an_incompressible_layer_gives_a_spring_nothing_and_holds_no_base():
     contact = contact_on("incompressible")
-    with pytest.raises(js.SolverError, match=r"not incompressible.*mean displacement"):
+    with pytest.raises(js.exceptions.SolverError, match=r"not incompressible.*mean displacement"):
         js.equilibrate(contact, js.FarDisplacement(0.0))
     spring = js.equilibrate(contact, js.Spring(0.0, 2.0))
     np.testing.assert_allclose(spring.mean_pressure, 2.0 * spring.displacement.mean(), rtol=1e-8)
@@ -171,7 +171,7 @@ def test_an_incompressible_layer_presses_on_a_wave_alone():
     grid = js.Grid(32)
     layer = js.Layer(grid, 1.0, 0.5, 0.2)
     wave, stiffness = jnp.cos(2 * jnp.pi * grid.coordinates[0]), 12.0047777296957
-    for solid in (layer, js.Solid.with_uniform_stiffness(layer, jnp.inf)):
+    for solid in (layer, js.solids.Solid.with_uniform_stiffness(layer, jnp.inf)):
         for displacement in (wave, wave + 3):
             pressure = solid.pressure(displacement)
             # By Johnson's formula in 60 digits.

@@ -71,7 +71,7 @@ def test_a_thick_layer_is_a_half_space_and_a_thin_one_a_foundation():
 
     def layer(thickness):
         # The shape of a layer that slides on a rigid base: E* q / 2 for short waves, flat for long.
-        return js.Spectral(grid, lambda q: q / 2 / jnp.tanh(q * thickness))
+        return js.solids.Spectral(grid, lambda q: q / 2 / jnp.tanh(q * thickness))
 
     wave = jnp.cos(2 * jnp.pi * grid.coordinates[1])
     np.testing.assert_allclose(layer(10.0).pressure(wave), half_space.pressure(wave))
@@ -84,7 +84,7 @@ def test_a_stiffness_that_closes_over_a_traced_value_can_be_differentiated():
     wave = jnp.cos(2 * jnp.pi * grid.coordinates[0])
 
     def energy(factor):
-        return js.Spectral(grid, lambda q: factor * q).energy(wave)
+        return js.solids.Spectral(grid, lambda q: factor * q).energy(wave)
 
     gradient = jax.grad(energy)(2.0)
     np.testing.assert_allclose(gradient, energy(1.0))
@@ -115,13 +115,13 @@ def test_a_poisson_ratio_outside_its_range_is_refused(ratio):
 )
 def test_a_stiffness_that_cannot_be_one_is_refused(function, message):
     with pytest.raises((ValueError, TypeError), match=message):
-        js.Spectral(js.Grid(8), function)
+        js.solids.Spectral(js.Grid(8), function)
 
 
 def test_what_is_refused_eagerly_is_invalid_where_traced():
     @jax.jit
     def is_valid(lowest):
-        return js.Spectral(js.Grid(8), lambda q: jnp.maximum(q - lowest, 0)).is_valid
+        return js.solids.Spectral(js.Grid(8), lambda q: jnp.maximum(q - lowest, 0)).is_valid
 
     assert is_valid(1.0)
     assert not is_valid(10.0)
@@ -136,7 +136,7 @@ def test_complex_moduli_are_refused():
 def test_a_solid_of_any_function_takes_the_precision_of_the_heights(function):
     grid = js.Grid((8,))
     wave = jnp.cos(2 * jnp.pi * grid.coordinates[0])
-    solid = js.Spectral(grid, function)
+    solid = js.solids.Spectral(grid, function)
     single = js.Contact(solid, wave.astype(jnp.float32), js.potentials.NoAdhesion()).solid
     assert single.waves.multiplier.dtype == jnp.float32
     np.testing.assert_allclose(single.waves.multiplier, solid.waves.multiplier, rtol=1e-6)

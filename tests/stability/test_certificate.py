@@ -79,7 +79,7 @@ def test_what_is_only_found_is_said_to_hold_locally(judged):
     proved = [s for _, _, s in judged if s.verdict == "stable" and s.proved]
     assert found and proved
     _, state, stability = next(x for x in judged if x[2] is found[0])
-    sweep = js.Sweep(state.load, state, stability)
+    sweep = js.results.Sweep(state.load, state, stability)
     assert "stable, locally" in repr(sweep)
     assert "proved           False" in repr(stability)
 
@@ -93,7 +93,9 @@ def test_on_a_linear_space_and_by_a_mode_the_verdict_is_proved():
     assert all(pair.proved for pair in apart.pairs.values())
     modes = js.lowest_modes(contact, states[0.1], 3)
     assert modes.proved.all() and (modes.bound <= modes.eigenvalue).all()
-    failed = js.assess_stability(contact, states[0.1], js.ProjectedLOBPCG(max_steps=1), throw=False)
+    failed = js.assess_stability(
+        contact, states[0.1], js.solvers.ProjectedLOBPCG(max_steps=1), throw=False
+    )
     assert not failed.cone.proved and not failed.proved
 
 

@@ -105,11 +105,13 @@ def test_a_coarser_problem_without_a_mode_gives_no_start(small_is_large):
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(search, "start_from_coarse", kept)
-        hull = search.lowest_on_hull(js.Davidson(), problem, key)
-        lowest = search.from_one_start(js.ProjectedLOBPCG(), js.Davidson(), problem, hull, key)
+        hull = search.lowest_on_hull(js.solvers.Davidson(), problem, key)
+        lowest = search.from_one_start(
+            js.solvers.ProjectedLOBPCG(), js.solvers.Davidson(), problem, hull, key
+        )
     np.testing.assert_array_equal(starts[0].vector, 0)
     # Then all starts are looked at.
-    expected = search.from_all_starts(js.ProjectedLOBPCG(), problem, hull, key)
+    expected = search.from_all_starts(js.solvers.ProjectedLOBPCG(), problem, hull, key)
     np.testing.assert_allclose(lowest.pair.eigenvalue, expected.pair.eigenvalue, rtol=1e-9)
 
 
@@ -119,7 +121,7 @@ def test_a_start_that_is_not_needed_takes_no_step():
     hessian = contact.hessian(equilibrium.gap)
     cone = AdmissibleCone(equilibrium.in_contact)
     starts = jax.random.normal(jax.random.key(0), (2, *contact.grid.shape))
-    solver = js.ProjectedLOBPCG()
+    solver = js.solvers.ProjectedLOBPCG()
     solve = jax.jit(lambda *problem: solver.solve(*problem))
     both = solve(hessian, cone, starts, jnp.array([True, False]))
     alone = solve(hessian, cone, starts[:1])

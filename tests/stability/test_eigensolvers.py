@@ -60,12 +60,12 @@ def smallest_damage_modes(operator):
     everywhere = jnp.ones(points, bool)
     random = jax.random.normal(jax.random.key(0), (4, points))
     space = Subspace(everywhere, fixes_mean=False)
-    found = js.Davidson(1e-9).solve(operator, space, random)
+    found = js.solvers.Davidson(1e-9).solve(operator, space, random)
     modes = found.vector
     free = measured(operator, space, found, modes[0])
     cone = AdmissibleCone(everywhere, fixes_mean=False)
     starts = jnp.concatenate([modes[:2], -modes[:2], random])
-    found = js.ProjectedLOBPCG(1e-9).solve(operator, cone, starts)
+    found = js.solvers.ProjectedLOBPCG(1e-9).solve(operator, cone, starts)
     return free, measured(operator, cone, found, found.vector)
 
 
@@ -91,8 +91,8 @@ class Counted(Dense):
 @pytest.mark.parametrize(
     ("solver", "domain"),
     [
-        (js.Davidson(1e-9), Subspace),
-        (js.ProjectedLOBPCG(1e-9), AdmissibleCone),
+        (js.solvers.Davidson(1e-9), Subspace),
+        (js.solvers.ProjectedLOBPCG(1e-9), AdmissibleCone),
         (js.ProximalIteration(1e-5), AdmissibleCone),
     ],
 )
@@ -178,7 +178,7 @@ def test_more_modes_than_the_space_has_are_infinite_and_refused():
         np.testing.assert_array_equal(found.result.name, results)
         np.testing.assert_array_equal(found.proved, [True, True, False, False])
     message = r"4 lowest modes .* among 2 admissible directions: too_many_modes"
-    with pytest.raises(js.SolverError, match=message):
+    with pytest.raises(js.exceptions.SolverError, match=message):
         js.lowest_modes(*state, 4, space="critical")
     assert (js.lowest_modes(*state, 2, space="critical").result == "successful").all()
 
@@ -206,8 +206,8 @@ def test_lowest_modes_refuses_what_makes_no_sense(unloading):
         js.lowest_modes(unloading, equilibrium, 2, key=0)
     with pytest.raises(ValueError, match="space is 'cone'"):
         js.lowest_modes(unloading, equilibrium, 1, space="cone")
-    with pytest.raises(js.SolverError, match="max_steps_reached"):
-        js.lowest_modes(unloading, equilibrium, 1, solver=js.Davidson(max_steps=2))
+    with pytest.raises(js.exceptions.SolverError, match="max_steps_reached"):
+        js.lowest_modes(unloading, equilibrium, 1, solver=js.solvers.Davidson(max_steps=2))
 
 
 @pytest.mark.parametrize("tolerance", [None, 1e20])
@@ -221,7 +221,7 @@ def test_no_search_ends_before_its_first_vectors_or_while_its_residual_falls(tol
     space = Subspace(jnp.ones((16, 16), bool))
     starts = noise(jax.random.key(0), 32, jnp.zeros((16, 16)))
     solve = jax.jit(
-        lambda: js.Davidson(tolerance).solve(Hessian(solid, curvature), space, starts, 30)
+        lambda: js.solvers.Davidson(tolerance).solve(Hessian(solid, curvature), space, starts, 30)
     )
     found = solve()
     assert found.result == "successful"
@@ -248,7 +248,11 @@ def test_a_cone_is_searched_from_the_lowest_modes_of_both_signs_and_random_vecto
     modes, random = np.random.default_rng(0).normal(size=(2, 4, 5, 6))
     cone = AdmissibleCone(jnp.ones((5, 6), bool))
     starts, is_needed, is_answer = cone_starts(
-        js.ProjectedLOBPCG(), cone, js.RESULTS.successful, jnp.asarray(modes), jnp.asarray(random)
+        js.solvers.ProjectedLOBPCG(),
+        cone,
+        js.RESULTS.successful,
+        jnp.asarray(modes),
+        jnp.asarray(random),
     )
     np.testing.assert_array_equal(starts, [*modes[:2], *-modes[:2], *random])
     # No mode of both signs lies in the cone.
@@ -272,7 +276,7 @@ def test_where_the_lowest_mode_lies_in_the_cone_it_is_the_answer(sign):
     cone = AdmissibleCone(jnp.asarray((sign * modes > 0).all(axis=0)), fixes_mean=False)
     assert cone.one_sided.sum() > 2
     random = jax.random.normal(jax.random.key(0), (2, 4, 4))
-    solver = js.ProjectedLOBPCG()
+    solver = js.solvers.ProjectedLOBPCG()
     problem = ConeProblem.of(hessian, cone)
     found, is_answer = mode_on_cone(
         solver, problem, js.RESULTS.successful, jnp.asarray(modes), random
@@ -313,14 +317,16 @@ def test_a_step_of_davidsons_method_is_the_dense_one():
         basis = np.column_stack([basis, inverse @ residual])
     operator = Dense(jnp.asarray(matrix), jnp.asarray(inverse))
     space = Subspace(jnp.ones(20, bool), fixes_mean=False)
-    found = js.Davidson(max_steps=2).solve(operator, space, jnp.asarray(start)[None])
+    found = js.solvers.Davidson(max_steps=2).solve(operator, space, jnp.asarray(start)[None])
     vector = found.vector[0]
     np.testing.assert_allclose(vector * np.sign(vector @ lowest), lowest, atol=1e-10)
     left = np.linalg.norm(residual) / np.linalg.norm(matrix, 2)
     np.testing.assert_allclose(found.history.values["residual"][2], left, rtol=1e-8)
 
 
-@pytest.mark.parametrize("kind", [js.PreconditionedConjugateGradient, js.ProjectedLOBPCG])
+@pytest.mark.parametrize(
+    "kind", [js.solvers.PreconditionedConjugateGradient, js.solvers.ProjectedLOBPCG]
+)
 def test_a_solver_prints_its_numbers(kind):
     shown = repr(kind(tolerance=1e-3, max_steps=7))
     assert shown.startswith(f"{kind.__name__}(tolerance=0.001, max_steps=7")

@@ -24,7 +24,7 @@ def contact():
     ],
 )
 def test_eigenvalues_modes_and_margins_agree_with_finite_differences(contact, load):
-    solver = js.ProjectedLOBPCG(tolerance=1e-11)
+    solver = js.solvers.ProjectedLOBPCG(tolerance=1e-11)
 
     def judge(x):
         held = eqx.tree_at(lambda load: load.value, load, x[3])

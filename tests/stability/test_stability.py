@@ -93,7 +93,7 @@ def test_algorithm_1_takes_the_steps_that_its_condition_allows(hertz):
     assert pair.eigenvalue == pytest.approx(-4.5537, abs=5e-5)
     assert pair.num_steps == default.num_steps
     long = js.ProximalIteration(tau=1.1 / beta, sigma=beta / 2)
-    with pytest.raises(js.SolverError, match=r"long_steps.*Lower `tau` or `sigma`"):
+    with pytest.raises(js.exceptions.SolverError, match=r"long_steps.*Lower `tau` or `sigma`"):
         js.assess_stability(hertz, equilibrium, long)
     with pytest.raises(ValueError, match=r"tau is -1\.0"):
         js.ProximalIteration(tau=-1.0)
@@ -103,7 +103,8 @@ def test_a_step_limit_raises_or_is_coded(hertz):
     equilibrium = js.equilibrate(hertz, js.MeanDisplacement(1.302))
     solver = js.ProximalIteration(max_steps=50)
     with pytest.raises(
-        js.SolverError, match=r"cone eigenvalue.*after 50 steps.*residual is.*max_steps_reached"
+        js.exceptions.SolverError,
+        match=r"cone eigenvalue.*after 50 steps.*residual is.*max_steps_reached",
     ):
         js.assess_stability(hertz, equilibrium, solver)
     stability = js.assess_stability(hertz, equilibrium, solver, throw=False)
@@ -113,7 +114,7 @@ def test_a_step_limit_raises_or_is_coded(hertz):
 
 def test_a_verdict_needs_an_error_smaller_than_the_eigenvalue(hertz):
     equilibrium = js.equilibrate(hertz, js.MeanDisplacement(1.2976))
-    solver = js.ProjectedLOBPCG(tolerance=1e-2)
+    solver = js.solvers.ProjectedLOBPCG(tolerance=1e-2)
     stability = js.assess_stability(hertz, equilibrium, solver)
     assert 0 < stability.cone.eigenvalue < stability.cone.error
     assert stability.verdict == js.VERDICTS.undecided
@@ -121,7 +122,9 @@ def test_a_verdict_needs_an_error_smaller_than_the_eigenvalue(hertz):
 
 def test_a_failed_equilibrium_is_not_assessed(hertz):
     failed = js.equilibrate(hertz, js.MeanGap(-1.0), throw=False)
-    with pytest.raises(js.SolverError, match="There is nothing to assess: no_equilibrium"):
+    with pytest.raises(
+        js.exceptions.SolverError, match="There is nothing to assess: no_equilibrium"
+    ):
         js.assess_stability(hertz, failed)
     with pytest.raises(ValueError, match=r"state was not found \(infeasible_load\)"):
         js.equilibrate(hertz, js.MeanGap(1.0), initial=failed)

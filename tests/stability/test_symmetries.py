@@ -27,7 +27,9 @@ def contact_of(heights, work, length, side, modulus):
 @jax.jit
 def solved(heights, work, length, gap, side, modulus):
     contact = contact_of(heights, work, length, side, modulus)
-    return js.equilibrate(contact, js.MeanGap(gap), js.PreconditionedConjugateGradient(1e-12))
+    return js.equilibrate(
+        contact, js.MeanGap(gap), js.solvers.PreconditionedConjugateGradient(1e-12)
+    )
 
 
 def solve(heights, work, length, gap, side=1.0, modulus=1.0):

@@ -102,7 +102,7 @@ def far_side(hertz):
     fold = js.equilibrate(hertz, js.MeanDisplacement(1.2976))
     stable = js.equilibrate(hertz, load)
     start = hertz.gap(2 * fold.displacement - stable.displacement)
-    return stable, js.equilibrate(hertz, load, js.SaddleNewton(), initial=start)
+    return stable, js.equilibrate(hertz, load, js.solvers.SaddleNewton(), initial=start)
 
 
 def test_beyond_the_fold_newton_finds_an_unstable_equilibrium(hertz, far_side):
@@ -308,7 +308,7 @@ def test_what_is_nan_is_undecided(hertz, far_side):
     broken = js.Contact(
         hertz.solid, hertz.heights, lambda gap: jnp.where(gap > 1, jnp.nan, -1) * gap**2
     )
-    with pytest.raises(js.SolverError, match=r"lower_bound eigenvalue.*nonfinite"):
+    with pytest.raises(js.exceptions.SolverError, match=r"lower_bound eigenvalue.*nonfinite"):
         js.assess_stability(broken, stable)
     stability = js.assess_stability(broken, stable, throw=False)
     assert stability.verdict == js.VERDICTS.undecided
@@ -338,7 +338,7 @@ def test_a_state_of_another_contact_is_refused(hertz):
         lambda: js.release(other, state, jnp.ones((32, 32))),
         lambda: js.lowest_modes(other, state, 1),
     ):
-        with pytest.raises(js.SolverError, match=message):
+        with pytest.raises(js.exceptions.SolverError, match=message):
             use()
     stability = js.assess_stability(other, state, throw=False)
     assert stability.result == "other_contact"

@@ -122,7 +122,9 @@ def test_ctrl_c_ends_after_the_case_in_hand_with_a_warning(tmp_path):
         return {"a": seed}
 
     path = tmp_path / "study"
-    with pytest.warns(js.StudyInterrupted, match=r"3 of 5 cases are in .*study. The same call"):
+    with pytest.warns(
+        js.exceptions.StudyInterrupted, match=r"3 of 5 cases are in .*study. The same call"
+    ):
         study = js.study(case, {"seed": range(5)}, path)
     assert list(study["result"]) == [*["successful"] * 3, *["missing"] * 2]
     assert signal.getsignal(signal.SIGINT) is signal.default_int_handler

@@ -157,7 +157,11 @@ def test_a_unit_that_netcdf_does_not_state_is_the_other_one(tmp_path, names, uni
     for name in names:
         data[name].attrs.pop("units")
     data.to_netcdf(tmp_path / "b.nc", engine="h5netcdf")
-    with pytest.warns(js.SurfaceWarning, match="rms slope") if names == "z" else nullcontext():
+    with (
+        pytest.warns(js.exceptions.SurfaceWarning, match="rms slope")
+        if names == "z"
+        else nullcontext()
+    ):
         topography = js.surfaces.read(tmp_path / "b.nc")
     assert topography.unit == unit
     np.testing.assert_array_equal(topography.heights, 1e3 * HEIGHTS)
@@ -178,7 +182,9 @@ def test_masked_points_of_netcdf_and_of_instruments_are_missing(tmp_path):
 
 def test_heights_in_another_unit_than_the_sides_warn(tmp_path):
     as_npy(tmp_path / "a.npy")
-    with pytest.warns(js.SurfaceWarning, match=r"rms slope is 1\.\d+e\+05.*sides of 3e-06 x"):
+    with pytest.warns(
+        js.exceptions.SurfaceWarning, match=r"rms slope is 1\.\d+e\+05.*sides of 3e-06 x"
+    ):
         js.surfaces.read(tmp_path / "a.npy", (3e-6, 1.4e-6))
 
 

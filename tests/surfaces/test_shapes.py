@@ -76,7 +76,9 @@ def test_shapes_can_be_differentiated():
 
 def test_a_tip_given_by_its_depths_is_named():
     radii, heights = PROFILE
-    with pytest.warns(js.SurfaceWarning, match="highest at its end, r = .*-profile_heights"):
+    with pytest.warns(
+        js.exceptions.SurfaceWarning, match="highest at its end, r = .*-profile_heights"
+    ):
         js.surfaces.tip(js.Grid(6), radii, -heights)
 
 

@@ -250,7 +250,9 @@ def test_statistics_of_a_surface_whose_edges_do_not_meet_warn(is_array):
         lambda surface: surfaces.effective_work_of_adhesion(solid, surface, 5e-4),
     )
     for statistic in statistics:
-        with pytest.warns(js.SurfaceWarning, match=r"do not meet along x.*periodic\(\"mirror\"\)"):
+        with pytest.warns(
+            js.exceptions.SurfaceWarning, match=r"do not meet along x.*periodic\(\"mirror\"\)"
+        ):
             statistic(surface)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
@@ -323,7 +325,9 @@ def test_a_spectrum_without_a_self_affine_band_warns(power, hurst):
     density = np.exp(-((k / 8) ** 2)) if power is None else np.maximum(k / 3, 1) ** -power
     modes = np.sqrt(density) * np.fft.rfftn(np.random.default_rng(0).normal(size=grid.shape))
     scan = surfaces.Topography(grid, np.fft.irfft2(modes)).periodic("window")
-    with pytest.warns(js.SurfaceWarning, match=r"no self-affine band: .* needs one from 0 to 1"):
+    with pytest.warns(
+        js.exceptions.SurfaceWarning, match=r"no self-affine band: .* needs one from 0 to 1"
+    ):
         law = surfaces.power_law(surfaces.power_spectrum(grid, scan))
     if hurst is not None and power > 0:
         assert law.hurst == pytest.approx(hurst, abs=0.15)
@@ -360,7 +364,7 @@ def test_full_contact_of_a_wave_stores_and_gains_what_calculus_says(shape):
     work = jax.jit(surfaces.effective_work_of_adhesion)(solid, heights, 2.0)
     np.testing.assert_allclose(work, 2 * area - energy, rtol=1e-12)
     # A layer whose waves are all as stiff, k = 3: 3 A^2 / 4.
-    layer = js.Spectral(grid, lambda q: 3 + 0 * q)
+    layer = js.solids.Spectral(grid, lambda q: 3 + 0 * q)
     np.testing.assert_allclose(surfaces.full_contact_energy(layer, heights), 3 * 0.09 / 4)
 
 

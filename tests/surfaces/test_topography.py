@@ -280,7 +280,7 @@ def test_a_tilt_above_the_roughness_warns(is_array):
     x, _ = sides((48, 64), (1.5, 2.0))
     surface = topography(clean(seed=int(is_array)) + 0.2 * x)
     with pytest.warns(
-        js.SurfaceWarning, match=r"best plane is 0\.0\d+.*`Topography.detrended"
+        js.exceptions.SurfaceWarning, match=r"best plane is 0\.0\d+.*`Topography.detrended"
     ) as said:
         contact_of(surface, is_array)
     assert len(said) == 1
@@ -293,7 +293,9 @@ def test_a_tilt_above_the_roughness_warns(is_array):
 def test_edges_that_do_not_meet_warn(is_array):
     _, y = sides((48, 64), (1.5, 2.0))
     surface = topography(clean(seed=2 + int(is_array)) + 0.2 * np.sin(4 * y))
-    with pytest.warns(js.SurfaceWarning, match=r'along y: .*periodic\("mirror"\)') as said:
+    with pytest.warns(
+        js.exceptions.SurfaceWarning, match=r'along y: .*periodic\("mirror"\)'
+    ) as said:
         contact_of(surface, is_array)
     assert len(said) == 1
     with warnings.catch_warnings():
@@ -306,9 +308,11 @@ def test_edges_that_do_not_meet_warn(is_array):
 
 
 def test_a_slope_that_cannot_be_warns():
-    with pytest.warns(js.SurfaceWarning, match=r"rms slope is \d.*sides of 1\.5e-06 x 2e-06"):
+    with pytest.warns(
+        js.exceptions.SurfaceWarning, match=r"rms slope is \d.*sides of 1\.5e-06 x 2e-06"
+    ):
         contact_of(topography(clean(), (1.5e-6, 2e-6)), False)
-    with pytest.warns(js.SurfaceWarning, match="rms slope"):
+    with pytest.warns(js.exceptions.SurfaceWarning, match="rms slope"):
         contact_of(topography(1e-9 * clean()), False)
 
 
@@ -354,7 +358,7 @@ def test_what_looks_wrong_is_still_said_once_a_fourier_series_has_spread_it():
         assert re.match("before it was .*, the surface is tilted", changed.suspicions[0])
         assert "looks wrong  before it was" in repr(changed)
         solid = js.FreeHalfSpace(changed.grid, 1.0)
-        with pytest.warns(js.surfaces.SurfaceWarning, match="before it was"):
+        with pytest.warns(js.exceptions.SurfaceWarning, match="before it was"):
             js.Contact(solid, changed, js.potentials.NoAdhesion())
         assert not change(tilted.detrended(1).periodic("window")).edge_faults
     assert not tilted.resampled((32, 24), "area").edge_faults

@@ -248,7 +248,7 @@ def test_loads_and_numbers_without_a_detachment_are_refused_with_the_cure(detach
     with pytest.raises(ValueError, match=r"initial state is at -0.08: give one at a smaller"):
         js.detachment(contact, pull, initial=start, **options)
     without = js.Contact(contact.solid, contact.heights, js.potentials.NoAdhesion())
-    with pytest.raises(js.SolverError, match="no_attraction"):
+    with pytest.raises(js.exceptions.SolverError, match="no_attraction"):
         js.detachment(without, pull, **options)
     found = js.detachment(contact, js.MeanPressure(-0.095), **options)
     with pytest.raises(ValueError, match=r"probability is 1.5: give numbers from 0 to 1"):
@@ -257,7 +257,7 @@ def test_loads_and_numbers_without_a_detachment_are_refused_with_the_cure(detach
 
 # On a window the mean gap is no measure of the work of the load.
 @pytest.mark.nightly
-@pytest.mark.filterwarnings("ignore::jaxstab.WindowWarning")
+@pytest.mark.filterwarnings("ignore::jaxstab.exceptions.WindowWarning")
 def test_barriers_of_a_window_are_those_of_its_passes():
     contact = sphere_on_window()
     options = {"thermal_energy": 3e-4, "attempt_rate": 1e9, "rate": 1.0}

@@ -38,9 +38,9 @@ def test_loads_that_are_one_in_the_precision_of_the_contact_are_refused():
 
 def test_a_start_that_is_not_found_says_why():
     contact, times = viscoelastic(), jnp.array([0.0, 1.0])
-    with pytest.raises(js.SolverError, match=r"no start at t = 0.*pulled_off"):
+    with pytest.raises(js.exceptions.SolverError, match=r"no start at t = 0.*pulled_off"):
         js.evolve(contact, js.MeanPressure(jnp.full(2, -5.0)), times)
-    with pytest.raises(js.SolverError, match=r"no start at t = 0.*infeasible_load"):
+    with pytest.raises(js.exceptions.SolverError, match=r"no start at t = 0.*infeasible_load"):
         js.evolve(contact, js.MeanDisplacement(jnp.full(2, -1.0)), times)
 
 
@@ -109,11 +109,11 @@ def test_there_is_no_easiest_way_out_of_a_saddle_or_of_another_contact(hertz, tr
     with pytest.raises(ValueError, match="The state is unstable"):
         js.easiest_exit(hertz, transition.saddle, num_modes=1)
     other = with_parameters(hertz, 9.0, 1.0, 1.0)
-    with pytest.raises(js.SolverError, match="other_contact"):
+    with pytest.raises(js.exceptions.SolverError, match="other_contact"):
         js.easiest_exit(other, transition.start, num_modes=1)
 
 
-@pytest.mark.filterwarnings("ignore::jaxstab.ResolutionWarning")
+@pytest.mark.filterwarnings("ignore::jaxstab.exceptions.ResolutionWarning")
 def test_without_a_state_beyond_the_easiest_way_out_under_a_dead_load_is_to_nothing():
     heights = 0.1 * np.cos(2 * np.pi * np.arange(16) / 16)
     law = js.potentials.Exponential(0.02, 0.05)
@@ -126,5 +126,7 @@ def test_without_a_state_beyond_the_easiest_way_out_under_a_dead_load_is_to_noth
     # On this symmetric branch the state at the load has two negative eigenvalues.
     flat = js.Contact(contact.solid, heights / 4, js.potentials.Exponential(0.06, 0.06))
     state = js.equilibrate(flat, js.MeanPressure(-0.3))
-    with pytest.raises(js.SolverError, match=r"0 other states.*detached surfaces.*: no_detachment"):
+    with pytest.raises(
+        js.exceptions.SolverError, match=r"0 other states.*detached surfaces.*: no_detachment"
+    ):
         js.easiest_exit(flat, state, num_modes=1)

@@ -135,7 +135,7 @@ def test_by_matrices_it_is_a_saddle_between_the_start_and_nothing(pulled, part):
     assert far.min() > 2
 
 
-@pytest.mark.filterwarnings("ignore::jaxstab.ResolutionWarning")
+@pytest.mark.filterwarnings("ignore::jaxstab.exceptions.ResolutionWarning")
 @pytest.mark.parametrize(
     ("law", "kind", "exponent"),
     [
@@ -214,7 +214,9 @@ def test_other_loads_and_transformations_are_refused_with_the_cure(detaching):
     for transformed in jax.jit(there), lambda value: jax.vmap(there)(value[None]):
         with pytest.raises(TypeError, match=r"detached surfaces works on known numbers"):
             transformed(found.start.load.value)
-    with pytest.raises(js.SolverError, match=r"No pass to detached surfaces.*: pulled_off: "):
+    with pytest.raises(
+        js.exceptions.SolverError, match=r"No pass to detached surfaces.*: pulled_off: "
+    ):
         js.transition(contact, js.MeanPressure(-1.0), found.start, None)
 
 
@@ -229,7 +231,7 @@ def test_it_is_the_same_in_other_units(detaching):
     np.testing.assert_allclose(again.energies, found.energies, rtol=1e-6, atol=1e-12)
 
 
-@pytest.mark.filterwarnings("ignore::jaxstab.ResolutionWarning")
+@pytest.mark.filterwarnings("ignore::jaxstab.exceptions.ResolutionWarning")
 def test_between_further_minima_the_pass_is_the_highest_of_the_lowest_way():
     grid = js.Grid((12,), (1.0,))
     heights = js.surfaces.self_affine(grid, jax.random.key(0), k_high=4, rms_height=0.05)

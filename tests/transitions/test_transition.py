@@ -145,7 +145,7 @@ def test_the_rate_is_that_of_arrhenius(detachment):
 def test_two_states_that_are_one_and_bad_input_are_refused(detachment):
     contact, found = detachment
     load = js.MeanDisplacement(1.35)
-    with pytest.raises(js.SolverError, match="both states relax to the same one"):
+    with pytest.raises(js.exceptions.SolverError, match="both states relax to the same one"):
         js.transition(contact, load, found.start, found.start, num_images=6)
     with pytest.raises(ValueError, match="takes one load"):
         js.transition(contact, js.MeanDisplacement(jnp.ones(2)), found.start, found.end)

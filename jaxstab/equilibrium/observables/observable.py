@@ -16,7 +16,7 @@ class Observable(Outcome):
     each side of the grid, are columns along a path (`jaxstab.observe`). In figures and files they
     have the name and the dimension of the field.
 
-        class Dissipated(js.Observable):
+        class Dissipated(js.results.Observable):
             power: Annotated[Float[Array, ""], Dimension("energy/time")]
 
     Attributes:
