@@ -53,6 +53,33 @@ ROOMS = {
     "loading": ("paths",),
     "transitions": ("transitions",),
 }
+# Rooms whose numbers do not come to these problems: measurements, closed forms, files, figures.
+APART = (
+    "citations",
+    "cli",
+    "exceptions",
+    "files",
+    "force_curves",
+    "plots",
+    "references",
+    "results",
+    "solvers",
+    "studies",
+    "surfaces",
+)
+# Numbers that are no choices: of physics, units, a closed form, a path, the functions of a fit.
+GIVEN = (
+    "_FOLDERS",
+    "_GAS_CONSTANT",
+    "_GRAVITY",
+    "LENGTHS",
+    "_PREFIXES",
+    "_SI",
+    "_STAIRCASE",
+    "CREEP",
+    "OSCILLATION",
+    "RELAXATION",
+)
 FACTORS = 0.5, 2.0
 UNCHANGED = {"evolutions": 1e-3}
 ACCURACY = 1e-6
@@ -86,6 +113,8 @@ def constants_of(room: str) -> Iterator[Constant]:
         module = ".".join(file.relative_to(PACKAGE.parent).with_suffix("").parts)
         for node in ast.parse(file.read_text()).body:
             if not (isinstance(node, ast.Assign) and isinstance(node.targets[0], ast.Name)):
+                continue
+            if not node.targets[0].id.isupper() or node.targets[0].id in GIVEN:
                 continue
             numbers = [
                 child.value
@@ -372,7 +401,11 @@ def main() -> None:
             sys.meta_path.insert(0, Scaling(module, names, factor))
         print(json.dumps(solved(families, options.every, options.seconds)))
         return
-    lines = [f"| {' | '.join(COLUMNS)} |", "|" + "---|" * len(COLUMNS)]
+    lines = [
+        f"Of the tree at commit {revision()}.\n",
+        f"| {' | '.join(COLUMNS)} |",
+        "|" + "---|" * len(COLUMNS),
+    ]
     with tempfile.TemporaryDirectory() as cache:
         for room in options.only:
             solve = partial(solve_apart, cache, options.every, options.seconds, ROOMS[room])
@@ -388,6 +421,13 @@ def main() -> None:
                 lines.append(row(constants, known, tried))
                 print(lines[-1], flush=True)
                 options.out.write_text("\n".join(lines) + "\n")
+
+
+def revision() -> str:
+    """Return the commit of the tree, and whether it has changed since."""
+    command = ["git", "describe", "--always", "--dirty"]
+    done = subprocess.run(command, cwd=PACKAGE, capture_output=True, text=True, check=True)
+    return done.stdout.strip()
 
 
 def solve_apart(

@@ -29,8 +29,10 @@ _BENT = 0.25
 # Means over fewer points are not divided, a parabola through fewer would follow the noise, and as
 # many are left beyond the reach of the forces.
 _FEWEST = 8
-# A step of the tip is a jump if it exceeds the noise, and steps of the cantilever, so many times.
-_NOISES, _STEPS = 12.0, 5.0
+# A step of the tip is a jump if it exceeds the noise so many times,
+_NOISES = 12.0
+# and besides the usual step of the cantilever so many times.
+_STEPS = 5.0
 # Fewer points between two jumps are a tip on its way.
 _ON_ITS_WAY = 3
 # The tip presses where the force exceeds this part of the largest.

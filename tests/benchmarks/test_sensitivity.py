@@ -1,5 +1,6 @@
 """The table of tuning constants: which there are, how they are scaled, and how results compare."""
 
+import re
 import subprocess
 import sys
 from importlib.util import module_from_spec, spec_from_file_location
@@ -26,8 +27,33 @@ def test_constants_are_the_positive_numbers_that_a_module_names(sensitivity):
     # Labels, zero or below, are no sizes.
     assert ("jaxstab.transitions.branch_pass", "_DETACHED") not in found
     assert ("jaxstab.transitions.branch_pass", "_UNKNOWN") not in found
+
+
+def test_every_room_is_listed_or_apart(sensitivity):
+    rooms = {path.name for path in sensitivity.PACKAGE.iterdir() if path.is_dir()}
+    assert {*sensitivity.ROOMS, *sensitivity.APART} == rooms - {"__pycache__"}
+    assert not {*sensitivity.ROOMS} & {*sensitivity.APART}
+
+
+# A name in capitals at the margin, and its value on one line or in brackets.
+DEFINITION = re.compile(
+    r"^(_?[A-Z][A-Z0-9_]+)(?::[^=\n]*)? = (.*[\[({]\n(?: .*\n)*[\])}].*|.*)$", re.MULTILINE
+)
+NO_NUMBER = re.compile(r"""#.*|"[^"]*"|\[\d\]""")
+POSITIVE = re.compile(r"(?<![\w.-])(?:[1-9]|0?\.\d)")
+
+
+def test_the_list_names_every_constant_of_the_sources_and_no_other(sensitivity):
+    listed, defined = set(), set()
     for room in sensitivity.ROOMS:
-        assert (sensitivity.PACKAGE / room).is_dir(), room
+        listed |= {(each.module, each.name) for each in sensitivity.constants_of(room)}
+        for file in (sensitivity.PACKAGE / room).rglob("*.py"):
+            parts = file.relative_to(sensitivity.PACKAGE.parent).with_suffix("").parts
+            for name, value in DEFINITION.findall(file.read_text()):
+                if POSITIVE.search(NO_NUMBER.sub("", value)) and name not in sensitivity.GIVEN:
+                    defined.add((".".join(parts), name))
+    assert len(listed) > 200
+    assert listed == defined
 
 
 @pytest.mark.parametrize(
