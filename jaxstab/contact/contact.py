@@ -205,6 +205,9 @@ class Contact(eqx.Module):
 
             resolution   16      8      4      2     1     0.5
             error        0.07 %  0.3 %  1.3 %  6 %   30 %  100 %
+
+        On rings the shortest wave lies at the rim, where rings are narrowest: at the edge of a
+        contact of radius a the resolution is smaller by a over the radius of the disc.
         """
         return self.solid.max_stiffness / self.sharpest_curvature
 

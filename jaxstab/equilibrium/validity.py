@@ -8,7 +8,7 @@ from jaxstab.core.checks import concrete, is_readable, where_known
 from jaxstab.core.types import Scalar
 from jaxstab.core.units import PRESSURE, PRESSURES
 from jaxstab.core.warn import warn
-from jaxstab.solids import FreeHalfSpace, HalfSpace, Viscoelastic
+from jaxstab.solids import AxisymmetricHalfSpace, FreeHalfSpace, HalfSpace, Viscoelastic
 
 # The hardness of glasses and ceramics is about this part of E*, of metals less.
 _HARDNESS = 1 / 20
@@ -35,7 +35,7 @@ def warn_beyond_hardness(
     solid = contact.solid
     if isinstance(solid, Viscoelastic):
         solid = solid.relaxed
-    has_modulus = isinstance(solid, HalfSpace | FreeHalfSpace)
+    has_modulus = isinstance(solid, HalfSpace | FreeHalfSpace | AxisymmetricHalfSpace)
     unit = contact.units.pressure
     if unit is None or not has_modulus or not is_readable((mean_pressure, solid)):
         return

@@ -12,6 +12,8 @@ from matplotlib.image import AxesImage
 
 from jaxstab.contact import Contact, require_contact
 from jaxstab.core.checks import integer, require, require_kind, require_shape
+from jaxstab.core.grid import Mesh
+from jaxstab.core.rings import Rings
 from jaxstab.core.stack import require_single
 from jaxstab.core.types import Field, Mask
 from jaxstab.core.units import Units
@@ -72,11 +74,11 @@ def draw_areas(
         norm = BoundaryNorm(np.arange(len(colours) + 2) - 0.5, len(colours) + 1)
         draw_map(axes, contact, numbers, cmap=ListedColormap(["white", *colours]), norm=norm)
         return axes
-    x = np.asarray(contact.grid.coordinates[0])
+    edges = _edges(contact.grid)
     for number, colour in enumerate(colours, 1):
         if colour == BLACK:
             colour = grey(axes, 1)
-        _fill(axes, x, numbers == number, color=colour)
+        _fill(axes, edges, numbers == number, color=colour)
     axes.margins(0)
     label_axis(axes.xaxis, f"{contact.grid.sides[0]} [length]", contact.units)
     axes.set(yticks=[0, 1], yticklabels=["apart", "in contact"])
@@ -151,7 +153,7 @@ def mode_cut(
     draw_zero(axes)
     if equilibrium is not None:
         touches = np.asarray(found_equilibrium(contact, equilibrium).in_contact)[:, row]
-        _shade(axes, x[:, row], touches)
+        _shade(axes, _edges_between(x[:, row]), touches)
         add_legend(axes)
     label_axis(axes.xaxis, "x [length]", contact.units)
     place = contact.units.text(float(y[0, row]), "length", digits=4)
@@ -177,7 +179,7 @@ def outline_contact(axes: Axes, contact: Contact, touches: Mask, colour: str) ->
     x, *y = (np.asarray(side) for side in contact.grid.coordinates)
     inside = np.asarray(touches)
     if not y:
-        _shade(axes, x, inside)
+        _shade(axes, _edges(contact.grid), inside)
     elif inside.any() and not inside.all():
         axes.contour(x, y[0], inside, levels=[0.5], colors=colour, linewidths=0.8)
 
@@ -226,14 +228,26 @@ def _field(
     return axes
 
 
-def _shade(axes: Axes, x: np.ndarray, touches: np.ndarray) -> None:
+def _shade(axes: Axes, edges: np.ndarray, touches: np.ndarray) -> None:
     shade = grey(axes, 0.12)
-    _fill(axes, x, touches, transform=axes.get_xaxis_transform(), color=shade, label="in contact")
+    transform = axes.get_xaxis_transform()
+    _fill(axes, edges, touches, transform=transform, color=shade, label="in contact")
 
 
-def _fill(axes: Axes, x: np.ndarray, chosen: np.ndarray, **style: Any) -> None:
-    """Fill the intervals of chosen points, each as wide as the spacing, and show the whole line."""
-    edges = np.append(x, 2 * x[-1] - x[-2]) - (x[1] - x[0]) / 2
+def _edges(grid: Mesh) -> np.ndarray:
+    """Return the edges of the intervals around the points of a line, or of rings."""
+    if isinstance(grid, Rings):
+        return np.asarray(grid.edges)
+    return _edges_between(np.asarray(grid.coordinates[0]))
+
+
+def _edges_between(x: np.ndarray) -> np.ndarray:
+    """Return the edges of the intervals around equidistant points, each as wide as the spacing."""
+    return np.append(x, 2 * x[-1] - x[-2]) - (x[1] - x[0]) / 2
+
+
+def _fill(axes: Axes, edges: np.ndarray, chosen: np.ndarray, **style: Any) -> None:
+    """Fill the chosen ones of the intervals between edges, and show the whole line."""
     axes.fill_between(np.repeat(edges, 2)[1:-1], 0, 1, where=np.repeat(chosen, 2), **style)
     axes.update_datalim(np.stack([edges, edges], axis=1), updatey=False)
     axes.autoscale_view()

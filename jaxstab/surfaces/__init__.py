@@ -9,7 +9,15 @@ from jaxstab.surfaces.faults import SurfaceWarning as SurfaceWarning
 from jaxstab.surfaces.generated import self_affine, sinusoid
 from jaxstab.surfaces.power_law import PowerLaw, power_law
 from jaxstab.surfaces.read import read
-from jaxstab.surfaces.shapes import cone, flat_punch, paraboloid, sphere, tip, wavy_sphere
+from jaxstab.surfaces.shapes import (
+    cone,
+    flat_punch,
+    hyperboloid,
+    paraboloid,
+    sphere,
+    tip,
+    wavy_sphere,
+)
 from jaxstab.surfaces.statistics import (
     Autocorrelation,
     PowerSpectrum,
@@ -33,6 +41,7 @@ __all__ = [
     "effective_work_of_adhesion",
     "flat_punch",
     "full_contact_energy",
+    "hyperboloid",
     "paraboloid",
     "power_law",
     "power_spectrum",

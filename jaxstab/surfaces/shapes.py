@@ -90,6 +90,31 @@ def _cone(grid: Mesh, slope: Scalar) -> Field:
     return -slope * _distance(grid)
 
 
+def hyperboloid(grid: Mesh, radius: ArrayLike, slope: ArrayLike) -> Field:
+    """Return h = s^2 R (1 - sqrt(1 + r^2 / (s R)^2)), a cone with a rounded apex.
+
+    It is zero at the apex [length]. A cone of half angle alpha has the slope s = cot(alpha).
+
+    Arguments:
+        grid: the grid; on a line the shape is the profile of a cylinder, a wedge and so on.
+        radius: R, the radius of curvature at the apex [length].
+        slope: s far from the apex, the tangent of the angle between flank and plane.
+
+    Raises:
+        ValueError: if radius or slope are not positive.
+    """
+    require_mesh(grid)
+    radius = positive_scalar(radius, "The radius")
+    return _hyperboloid(grid, radius, positive_scalar(slope, "The slope"))
+
+
+@program
+def _hyperboloid(grid: Mesh, radius: Scalar, slope: Scalar) -> Field:
+    # The difference of the root and one would lose digits near the apex.
+    steepness = grid.squared_distances / (slope * radius) ** 2
+    return -grid.squared_distances / radius / (1 + jnp.sqrt(1 + steepness))
+
+
 def flat_punch(grid: Mesh, radius: ArrayLike, rim_radius: ArrayLike) -> Field:
     """Return a flat of radius a with a rounded rim: h = 0, beyond it -(r - a)^2 / (2 R).
 

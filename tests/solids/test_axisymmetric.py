@@ -2,6 +2,7 @@
 
 import jax
 import jax.numpy as jnp
+import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 from scipy.integrate import quad
@@ -251,6 +252,59 @@ def test_rings_are_chosen_for_a_contact():
     radius = float(chosen.radius) * float(state.contact_area) ** 0.5
     assert 0.5 < radius / float(chosen.radius) < 0.75
     assert contact.resolution > 4
+
+
+def test_a_disc_conducts_as_holm_says(rings, solid):
+    edge = float(rings.edges[60])
+    heights = jnp.where(rings.radii < edge, 0.0, -1.0)
+    contact = js.Contact(solid, heights, NoAdhesion())
+    state = js.equilibrate(contact, js.FarDisplacement(-0.1))
+    found = js.conductance(contact, state, (0.3, 0.7))
+    assert float(found.conductance) == pytest.approx(4 * edge, rel=2e-3)
+    places = np.flatnonzero(state.in_contact)
+    columns = np.asarray(jax.vmap(solid.displacement)(jnp.eye(N)))
+    pressure = np.linalg.solve(columns[np.ix_(places, places)], np.ones(places.size))
+    stiffness = pressure.sum() * float(rings.cell_area)
+    assert float(found.incremental_stiffness) == pytest.approx(stiffness, rel=1e-8)
+
+
+def test_patches_and_leakage_say_why_not(sticky):
+    state = js.equilibrate(sticky, js.FarDisplacement(-0.05))
+    with pytest.raises(ValueError, match="a disc and annuli"):
+        js.patches(sticky, state)
+    with pytest.raises(ValueError, match="a window that does not repeat"):
+        js.leakage(sticky, state)
+    with pytest.raises(TypeError, match="not periodic"):
+        js.surfaces.rms_slope(sticky.grid, sticky.heights)
+
+
+def test_figures_are_drawn_over_the_radius(sticky):
+    state = js.equilibrate(sticky, js.FarDisplacement(-0.05))
+    axes = js.plots.contact_map(sticky, state)
+    (area,) = axes.collections
+    filled = np.concatenate([path.vertices for path in area.get_paths()])
+    # Up to the edge of the outermost ring in contact.
+    edge = float(sticky.grid.edges[int(np.sum(state.in_contact))])
+    np.testing.assert_allclose([filled[:, 0].min(), filled[:, 0].max()], [0, edge])
+    assert axes.get_xlabel() == "r [length]"
+    figure = js.plots.summary(sticky, state, js.assess_stability(sticky, state))
+    # Surface, gap, pressure and mode.
+    assert [axes.get_xlabel() for axes in figure.axes].count("r [length]") == 4
+    plt.close("all")
+
+
+def test_a_hyperboloid_takes_sneddons_force(rings, solid):
+    a, slope, apex = 0.9, 0.5, 0.3
+    contact = js.Contact(solid, js.surfaces.hyperboloid(rings, apex, slope), NoAdhesion())
+
+    def fall(r):
+        return r / apex / (1 + (r / (slope * apex)) ** 2) ** 0.5
+
+    approach = quad(lambda t: a * fall(a * np.sin(t)), 0, np.pi / 2)[0]
+    integral = quad(lambda t: (a * np.sin(t)) ** 2 * fall(a * np.sin(t)), 0, np.pi / 2)[0]
+    state = js.equilibrate(contact, js.FarDisplacement(-approach))
+    exact = 2 * float(solid.contact_modulus) * integral
+    assert float(state.force) == pytest.approx(exact, rel=1e-3)
 
 
 @pytest.mark.parametrize(

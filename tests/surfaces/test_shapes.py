@@ -25,6 +25,10 @@ def test_shapes_have_the_heights_that_geometry_gives_them(grid):
     exact = {
         "sphere": (js.surfaces.sphere(grid, 0.7), below),
         "cone": (js.surfaces.cone(grid, 0.2), -0.2 * r),
+        "hyperboloid": (
+            js.surfaces.hyperboloid(grid, 0.3, 0.5),
+            0.075 - np.sqrt(0.075**2 + 0.25 * r**2),
+        ),
         "punch": (
             js.surfaces.flat_punch(grid, 0.3, 0.5),
             np.where(r < 0.3, 0, -((r - 0.3) ** 2)),
@@ -61,6 +65,7 @@ def test_shapes_can_be_differentiated():
     functions = [
         (lambda x: js.surfaces.sphere(grid, x), 0.4),
         (lambda x: js.surfaces.cone(js.Grid(6, jnp.stack([x, 2 * x])), x), 0.4),
+        (lambda x: js.surfaces.hyperboloid(grid, x, x), 0.37),
         (lambda x: js.surfaces.flat_punch(grid, x, x), 0.37),
         (lambda x: js.surfaces.wavy_sphere(grid, x, x, x), 0.4),
         (lambda x: js.surfaces.tip(grid, radii, x * heights), 0.4),
@@ -91,6 +96,7 @@ RADII, HEIGHTS = PROFILE
         ("sphere", [-1.0], r"is -1\.0: it must be positive"),
         ("cone", [-1.0], r"is -1\.0: it must be positive"),
         ("paraboloid", [np.ones(6)], r"The radius has shape \(6,\): give one number"),
+        ("hyperboloid", [1.0, 0.0], r"slope is 0\.0"),
         ("flat_punch", [1.0, 0.0], r"radius of the rim is 0\.0"),
         ("wavy_sphere", [1.0, 0.1, 0.0], r"wavelength is 0\.0"),
         ("wavy_sphere", [1.0, np.inf, 1.0], r"amplitude is inf"),

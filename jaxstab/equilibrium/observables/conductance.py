@@ -4,15 +4,16 @@ Potential and elastic displacement are both harmonic, so that one follows from t
 Barber, 2003): the conductance is the stiffness against a small move with the contact points held.
 """
 
+from collections.abc import Callable
 from functools import partial
-from typing import Annotated, ClassVar
+from typing import Annotated, Any, ClassVar
 
 import jax.numpy as jnp
 
 from jaxstab.contact import Contact
 from jaxstab.core.checks import cast, require, require_kind, scalar_parameter, where_known
 from jaxstab.core.compile import own_conventions, program
-from jaxstab.core.grid import Grid, total
+from jaxstab.core.grid import Mesh, total
 from jaxstab.core.linear_system import LinearSystem
 from jaxstab.core.results import SolverError
 from jaxstab.core.types import ArrayLike, Field, Mask, Scalar
@@ -20,7 +21,10 @@ from jaxstab.core.units import NUMBER, SPRING_CONSTANT, Dimension
 from jaxstab.equilibrium.equilibrium import State, defined_contact
 from jaxstab.equilibrium.observables.observable import Observable
 from jaxstab.equilibrium.validity import warn_of_few_points
-from jaxstab.solids import FreeHalfSpace, HalfSpace, Viscoelastic
+from jaxstab.solids import AxisymmetricHalfSpace, FreeHalfSpace, HalfSpace, Solid, Viscoelastic
+
+# The solids in which displacements spread as potentials do.
+_HalfSpaces = HalfSpace | FreeHalfSpace | AxisymmetricHalfSpace
 
 CONDUCTANCE = Dimension("length/resistivity")
 
@@ -93,11 +97,11 @@ def conductance(
         solid = solid.relaxed
     require_kind(
         solid,
-        HalfSpace | FreeHalfSpace,
+        _HalfSpaces,
         "a solid in which displacements do not spread as potentials do: conductances are known for "
-        "a HalfSpace or a FreeHalfSpace.",
+        "a HalfSpace, a FreeHalfSpace or an AxisymmetricHalfSpace.",
     )
-    assert isinstance(solid, HalfSpace | FreeHalfSpace)
+    assert isinstance(solid, _HalfSpaces)
     resistivity = cast(_sum_of(resistivities), dtype)
     pressure = _pressure(type(solid), contact.grid, touches)
     _require_solved(pressure)
@@ -144,9 +148,9 @@ def _is_positive(value: Scalar) -> Scalar:
 
 
 @partial(program, static_argnums=0)
-def _pressure(kind: type[HalfSpace | FreeHalfSpace], grid: Grid, touches: Mask) -> Field:
+def _pressure(kind: Callable[[Any, float], Solid], grid: Mesh, touches: Mask) -> Field:
     """Return the pressure under which the contact points sink by 1, for E* = 1 [1/length]."""
-    solid = cast(kind(grid, 1.0), grid.lengths.dtype)
+    solid = cast(kind(grid, 1.0).prepared, grid.lengths.dtype)
     # Full contact of a periodic cell takes no finite pressure.
     touches = touches & (jnp.any(~touches) | solid.is_window)
     field = touches.astype(grid.lengths.dtype)
@@ -155,10 +159,10 @@ def _pressure(kind: type[HalfSpace | FreeHalfSpace], grid: Grid, touches: Mask) 
         return jnp.where(touches, field, 0)
 
     shift = solid.min_stiffness
-    padded = solid.padded
 
     def stiffen(field: Field) -> Field:
         if isinstance(solid, FreeHalfSpace):
+            padded = solid.padded
             return padded.surface(padded.apply(jnp.pad(field, [(0, n) for n in field.shape])))
         return solid.apply(field) + shift * field
 

@@ -8,6 +8,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from jaxstab.contact import Contact
 from jaxstab.core.checks import array, require_known, require_one_of
+from jaxstab.core.rings import Rings
 from jaxstab.core.types import Scalar
 from jaxstab.core.units import AREA, FORCE, LENGTH
 from jaxstab.equilibrium.equilibrium import State, defined_contact
@@ -80,12 +81,17 @@ def patches(contact: Contact, equilibrium: State, *, neighbours: Neighbours = 4)
     Raises:
         ValueError: for other numbers of neighbours, a stack of states, one that was not
             found, or one of another grid, and where contact is not defined: without a closed gap
-            under a law that repels at every gap.
+            under a law that repels at every gap; and on rings, where patches are annuli.
         TypeError: for something that is not a state, or inside of a JAX transformation.
     """
     require_one_of("neighbours", neighbours, (4, 8))
     require_known((contact, equilibrium), "patches")
     state = defined_contact(contact, equilibrium)
+    if isinstance(contact.grid, Rings):
+        raise ValueError(
+            f"The grid is {contact.grid!r}: the patches of an axisymmetric contact are a disc and "
+            "annuli, between circles. Read `contact_area` and `in_contact` of the equilibrium."
+        )
     warn_of_few_points(contact, state.contact_area)
     mask = np.asarray(state.in_contact)
     is_window = contact.solid.is_window
