@@ -52,6 +52,22 @@ def maugis(tabor, modulus=MODULUS, work=WORK, depth=8.0, points=8000):
     return indentation[is_shown], force[is_shown]
 
 
+def maugis_with_approach(tabor, modulus=MODULUS, work=WORK, depth=8.0, points=4000):
+    """Return all of Maugis' equilibria, from where the attraction begins, stable or not."""
+    length = np.cbrt(RADIUS * (work / modulus) ** 2) / tabor
+    law = RADIUS, modulus, work, work / length
+    touch = js.references.maugis.first_touch(*law)
+    outer = np.linspace(0, float(touch.outer_radius), points // 4)
+    before = js.references.maugis.without_contact(outer, *law)
+    unit = js.references.jkr.units(*law[:3])
+    most = 2 * np.sqrt(RADIUS * depth) + 4 * unit.contact_radius
+    radii = most * np.linspace(0, 1, points + 1)[1:] ** 1.5
+    states = js.references.maugis.curve(radii, *law)
+    is_shown = np.asarray(states.displacement) <= depth
+    indentation = np.append(before.displacement, states.displacement[is_shown])
+    return indentation, np.append(before.force, states.force[is_shown])
+
+
 def recorded(
     law,
     seed,

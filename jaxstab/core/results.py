@@ -113,6 +113,11 @@ class RESULTS(Enumeration):
         "signs, units and outliers, plot the fitted curve beside the measurements, or fit fewer "
         "parameters"
     )
+    misfit = member(
+        "the model does not describe the measurements: the misfit is many times the noise. The "
+        "parameters are those of the best fit. Look at the fitted curve: another shape of the tip, "
+        "a layered or viscous sample, hysteresis or a tilted contact are usual causes"
+    )
     long_steps = member(
         "the steps violate 1 / tau - sigma >= beta / 2, beta the bound on |A|, from which the "
         "iteration is known to converge. Lower `tau` or `sigma`, or leave them out"

@@ -1,0 +1,193 @@
+"""Axisymmetric tips, by their shape and Sneddon's penetration; lengths are in metres.
+
+A tip of the shape f(r), f(0) = 0, penetrates an elastic half space without adhesion by
+
+    D(a) = a int_0^a f'(r) / sqrt(a^2 - r^2) dr
+
+where the contact has the radius a, under the force F = 2 E* int_0^a (D(a) - D(t)) dt (I. N.
+Sneddon, Int. J. Eng. Sci. 3, 47 (1965)).
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+
+import numpy as np
+
+# Radii of tips [m]: others are numbers in another unit.
+_SMALLEST, _LARGEST = 1e-10, 0.1
+# Half angles [degrees]: smaller ones are numbers in radians.
+_SHARPEST, _BLUNTEST = 2.0, 89.5
+# F = factor tan(half angle) E* d^2, by the number of faces (G. G. Bilodeau, J. Appl. Mech. 59, 519
+# (1992)); for a cone the factor is 2 / pi.
+_PYRAMIDS = {3: 0.8887, 4: 0.7453}
+
+
+class Tip(ABC):
+    """An axisymmetric rigid tip."""
+
+    @abstractmethod
+    def shape(self, radii: np.ndarray) -> np.ndarray:
+        """Return f(r), how far the tip is above its apex [m]."""
+
+    @abstractmethod
+    def penetration(self, radii: np.ndarray) -> np.ndarray:
+        """Return D(a) at radii of the contact [m]."""
+
+    @property
+    def largest_radius(self) -> float:
+        """The largest radius of a contact [m]."""
+        return np.inf
+
+
+@dataclass(frozen=True)
+class Paraboloid(Tip):
+    """A paraboloid f = r^2 / (2 R), with D = a^2 / R: Hertz' sphere.
+
+    Arguments:
+        radius: R, the radius of curvature at the apex [m].
+
+    Raises:
+        ValueError: for a radius that is not between 0.1 nm and 0.1 m.
+    """
+
+    radius: float
+
+    def __post_init__(self) -> None:
+        _require_radius(self.radius)
+
+    def shape(self, radii: np.ndarray) -> np.ndarray:
+        """Return f(r) [m]."""
+        return radii**2 / (2 * self.radius)
+
+    def penetration(self, radii: np.ndarray) -> np.ndarray:
+        """Return D(a) [m]."""
+        return radii**2 / self.radius
+
+
+@dataclass(frozen=True)
+class Sphere(Tip):
+    """A sphere f = R - sqrt(R^2 - r^2), with D = (a / 2) ln((R + a) / (R - a)).
+
+    Arguments:
+        radius: R [m].
+
+    Raises:
+        ValueError: for a radius that is not between 0.1 nm and 0.1 m.
+    """
+
+    radius: float
+
+    def __post_init__(self) -> None:
+        _require_radius(self.radius)
+
+    def shape(self, radii: np.ndarray) -> np.ndarray:
+        """Return f(r) [m]."""
+        return radii**2 / (self.radius + np.sqrt(self.radius**2 - radii**2))
+
+    def penetration(self, radii: np.ndarray) -> np.ndarray:
+        """Return D(a) [m]."""
+        return radii * np.arctanh(radii / self.radius)
+
+    @property
+    def largest_radius(self) -> float:
+        """The radius of the sphere [m]."""
+        return self.radius
+
+
+@dataclass(frozen=True)
+class Cone(Tip):
+    """A cone f = r / tan(alpha), with D = pi a / (2 tan(alpha)).
+
+    Arguments:
+        half_angle: alpha, between axis and flank [degrees].
+
+    Raises:
+        ValueError: for an angle that is not between 2 and 89.5 degrees.
+    """
+
+    half_angle: float
+
+    def __post_init__(self) -> None:
+        _require_angle(self.half_angle)
+
+    def shape(self, radii: np.ndarray) -> np.ndarray:
+        """Return f(r) [m]."""
+        return radii / np.tan(np.radians(self.half_angle))
+
+    def penetration(self, radii: np.ndarray) -> np.ndarray:
+        """Return D(a) [m]."""
+        return np.pi / 2 * self.shape(radii)
+
+
+@dataclass(frozen=True)
+class Pyramid(Tip):
+    """A regular pyramid, as the cone that takes the same force without adhesion.
+
+    F = 0.7453 tan(alpha) E* d^2 for four faces and 0.8887 tan(alpha) E* d^2 for three (G. G.
+    Bilodeau, J. Appl. Mech. 59, 519 (1992)).
+
+    Arguments:
+        half_angle: alpha, between axis and faces [degrees].
+        faces: three or four.
+
+    Raises:
+        ValueError: for an angle that is not between 2 and 89.5 degrees, and another number of
+            faces.
+    """
+
+    half_angle: float
+    faces: int = 4
+
+    def __post_init__(self) -> None:
+        _require_angle(self.half_angle)
+        if self.faces not in _PYRAMIDS:
+            raise ValueError(f"The pyramid has {self.faces} faces: give three or four.")
+
+    @property
+    def cone(self) -> Cone:
+        """The equivalent cone."""
+        slope = np.pi / 2 * _PYRAMIDS[self.faces] * np.tan(np.radians(self.half_angle))
+        return Cone(float(np.degrees(np.arctan(slope))))
+
+    def shape(self, radii: np.ndarray) -> np.ndarray:
+        """Return f(r) of the equivalent cone [m]."""
+        return self.cone.shape(radii)
+
+    def penetration(self, radii: np.ndarray) -> np.ndarray:
+        """Return D(a) of the equivalent cone [m]."""
+        return self.cone.penetration(radii)
+
+
+@dataclass(frozen=True)
+class FlatPunch:
+    """A flat punch: F = 2 E* A d, and with adhesion a pull-off of sqrt(8 pi w E* A^3).
+
+    K. Kendall, J. Phys. D: Appl. Phys. 4, 1186 (1971). The range of the attraction does not follow
+    from such a contact, and the work of adhesion from its retraction alone.
+
+    Arguments:
+        radius: A [m].
+
+    Raises:
+        ValueError: for a radius that is not between 0.1 nm and 0.1 m.
+    """
+
+    radius: float
+
+    def __post_init__(self) -> None:
+        _require_radius(self.radius)
+
+
+def _require_radius(radius: float) -> None:
+    if not _SMALLEST <= radius <= _LARGEST:
+        raise ValueError(f"The radius is {radius} m: give it in metres, as 5e-6 for 5 µm.")
+
+
+def _require_angle(angle: float) -> None:
+    if not _SHARPEST <= angle <= _BLUNTEST:
+        raise ValueError(
+            f"The half angle is {angle} degrees: give the angle between axis and flank in degrees, "
+            "as 18.0."
+        )

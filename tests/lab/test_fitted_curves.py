@@ -1,0 +1,156 @@
+"""Fits of synthetic force curves whose truth is a closed form, and of bad inputs."""
+
+import warnings
+
+import numpy as np
+import pytest
+from synthetic_curves import (
+    MODULUS,
+    RADIUS,
+    UNITS,
+    WORK,
+    hertz,
+    maugis_with_approach,
+    recorded,
+)
+
+import jaxstab as js
+
+TIP = js.lab.Paraboloid(RADIUS * 1e-9)
+
+
+@pytest.mark.parametrize("segment", ["approach", "retraction"])
+def test_hertz_without_attraction(segment):
+    fit = js.lab.fit_curve(recorded(hertz(), 3), TIP, 0.0, segment)
+    assert fit.result == js.RESULTS.successful
+    assert abs(fit.youngs_modulus - MODULUS * 1e9) < 3 * fit.errors.youngs_modulus
+    assert fit.errors.youngs_modulus < 0.02 * MODULUS * 1e9
+    assert fit.work_of_adhesion == 0
+    assert np.isnan(fit.range)
+
+
+@pytest.mark.parametrize("tabor", [0.1, 1.0, 5.0])
+@pytest.mark.parametrize("segment", ["approach", "retraction"])
+def test_from_jkr_to_dmt(tabor, segment):
+    fit = js.lab.fit_curve(recorded(maugis_with_approach(tabor), 2), TIP, 0.0, segment)
+    assert fit.result == js.RESULTS.successful
+    length = np.cbrt(RADIUS * (WORK / MODULUS) ** 2) / tabor * 1e-9
+    truth = {"youngs_modulus": MODULUS * 1e9, "work_of_adhesion": WORK, "range": length}
+    for name, value in truth.items():
+        assert abs(getattr(fit, name) - value) < 3 * getattr(fit.errors, name), name
+    assert fit.errors.youngs_modulus < 0.1 * MODULUS * 1e9
+    assert fit.errors.work_of_adhesion < 0.4 * WORK
+
+
+def test_a_cone_of_sneddon_and_its_pyramid():
+    tip = js.lab.Cone(30.0)
+    depth = np.linspace(0, 60, 2000)
+    force = 2 / np.pi * np.tan(np.radians(30)) * 0.01 * depth**2
+    curve = recorded((depth, force), 1)
+    fit = js.lab.fit_curve(curve, tip, 0.3)
+    modulus = 0.01e9 * (1 - 0.3**2)
+    assert abs(fit.youngs_modulus - modulus) < 3 * fit.errors.youngs_modulus
+    pyramid = js.lab.Pyramid(30.0)
+    ratio = js.lab.fit_curve(curve, pyramid, 0.3).youngs_modulus / fit.youngs_modulus
+    assert ratio == pytest.approx(2 / np.pi / 0.7453, rel=1e-3)
+
+
+def test_a_curve_that_is_no_hertz_has_a_result_of_its_own():
+    depth = np.linspace(0, 40, 2000)
+    # A thin sample on a stiff base.
+    force = 0.002 * depth**1.5 * (1 + (depth / 15) ** 4)
+    with pytest.warns(js.exceptions.FitWarning, match="misfit"):
+        fit = js.lab.fit_curve(recorded((depth, force), 1), TIP)
+    assert fit.result == js.RESULTS.misfit
+    assert fit.youngs_modulus > 0
+    assert "does not describe" in fit.status
+
+
+def test_units_of_the_curve_change_nothing_and_print_shows_them():
+    curve = recorded(hertz(), 3)
+    fit = js.lab.fit_curve(curve, TIP, 0.0)
+    other = js.lab.fit_curve(curve.in_units("µm", "pN"), TIP, 0.0)
+    assert other.youngs_modulus == pytest.approx(fit.youngs_modulus, rel=1e-6)
+    assert other.contact_point == pytest.approx(fit.contact_point, abs=1e-15)
+    np.testing.assert_allclose(other.forces, 1e3 * fit.forces, rtol=1e-4, atol=1)
+    assert (fit.curve.unit, fit.curve.force_unit) == UNITS
+    text = repr(fit)
+    assert "MPa" in text
+    assert "nN/nm²" in text
+    own = fit.curve.approach
+    assert fit.forces.shape == own.force.shape
+    assert np.std(own.force - fit.forces) < 0.06
+
+
+def test_correlated_noise_makes_errors_larger():
+    def found(seed, length):
+        random = np.random.default_rng(seed)
+        curve = recorded(hertz(), seed, noise=0.0)
+        noise = random.normal(size=(2, 2000 + length - 1))
+        noise = [np.convolve(one, np.ones(length) / np.sqrt(length), "valid") for one in noise]
+        segments = {
+            name: js.force_curves.Segment(
+                part.force + 0.05 * extra, part.height, part.tip + 0.05 * extra / 0.5, part.time
+            )
+            for (name, part), extra in zip(curve.segments.items(), noise, strict=True)
+        }
+        curve = js.force_curves.ForceCurve(
+            **segments, spring_constant=0.5, unit=UNITS[0], force_unit=UNITS[1]
+        )
+        return js.lab.fit_curve(curve, TIP, 0.0)
+
+    white, correlated = ([found(seed, length) for seed in range(8)] for length in (1, 25))
+    errors = [np.mean([fit.errors.youngs_modulus for fit in fits]) for fits in (white, correlated)]
+    # The mean of n points with such noise scatters by 25^(1/2).
+    assert 2.5 < errors[1] / errors[0] < 10
+    for fits in (white, correlated):
+        away = [(fit.youngs_modulus - MODULUS * 1e9) / fit.errors.youngs_modulus for fit in fits]
+        assert np.sqrt(np.mean(np.square(away))) < 1.8
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"tip": 5e-6}, "give a Sphere"),
+        ({"curve": np.ones(3)}, "give a ForceCurve"),
+        ({"poisson_ratio": 0.6}, "Poisson's ratio is 0.6"),
+        ({"segment": "both"}, "'both': choose"),
+    ],
+)
+def test_bad_inputs_are_refused(change, message):
+    given = {"curve": recorded(hertz(), 3), "tip": TIP} | change
+    with pytest.raises((TypeError, ValueError), match=message):
+        js.lab.fit_curve(**given)
+
+
+def test_curves_that_lack_something_are_refused():
+    curve = recorded(hertz(), 3, parts=("retraction",))
+    with pytest.raises(ValueError, match="no approach"):
+        js.lab.fit_curve(curve, TIP)
+    loose = js.force_curves.ForceCurve(curve.retraction, None)
+    with pytest.raises(ValueError, match="no spring constant"):
+        js.lab.fit_curve(loose, TIP)
+
+
+def test_tips_in_other_units_are_refused():
+    for make, message in (
+        (lambda: js.lab.Sphere(5.0), "in metres"),
+        (lambda: js.lab.FlatPunch(-1e-6), "in metres"),
+        (lambda: js.lab.Cone(0.3), "in degrees"),
+        (lambda: js.lab.Pyramid(35.0, faces=5), "three or four"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            make()
+
+
+def test_a_real_curve_agrees_with_hertz(tmp_path):
+    from pathlib import Path
+
+    path = Path(__file__).parents[1] / "force_curves" / "spot3-0192.jpk-force"
+    curve = js.force_curves.read(path)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", js.exceptions.FitWarning)
+        fit = js.lab.fit_curve(curve, js.lab.Paraboloid(18.6e-6))
+    # By least squares of F = 4/3 E* sqrt(R) d^(3/2) over the tip position of the corrected curve.
+    assert abs(fit.youngs_modulus - 10.8e3) < 3 * fit.errors.youngs_modulus
+    assert fit.errors.youngs_modulus < 1.5e3
