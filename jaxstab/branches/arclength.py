@@ -25,8 +25,8 @@ from jaxtyping import Array, Int
 from jaxstab.branches.corrector import (
     AT_STATES,
     Condition,
-    Correction,
-    Found,
+    CorrectorOutcome,
+    CorrectorProblem,
     at_change,
     correct,
     on_plane,
@@ -216,7 +216,7 @@ class _Account(eqx.Module):
     turn: TurnInStep
 
 
-class _Trial(NamedTuple):
+class _StepTrial(NamedTuple):
     """A step that is tried.
 
     Attributes:
@@ -247,11 +247,11 @@ def take_step(problem: ContinuationProblem, step: ArclengthStep) -> ArclengthSte
     """
     old = step.here
     target = _target_of(problem, step)
-    correction = Correction(problem.curve, target.condition, old.is_free, target.follows)
+    correction = CorrectorProblem(problem.curve, target.condition, old.is_free, target.follows)
     found = correct(correction, target.start, target.row, old.tangent, target.close)
     judgement = _judged(problem, step, target, found)
     reached = replace(found.place, at=replace(found.place.at, gap=judgement.gap))
-    trial = _Trial(problem, step, target, judgement, reached)
+    trial = _StepTrial(problem, step, target, judgement, reached)
     refused = replace(step, is_new=array(False))
 
     def explained() -> ArclengthStep:
@@ -333,7 +333,7 @@ def _target_of(problem: ContinuationProblem, step: ArclengthStep) -> _Target:
 
 @program
 def _judged(
-    problem: ContinuationProblem, step: ArclengthStep, target: _Target, found: Found
+    problem: ContinuationProblem, step: ArclengthStep, target: _Target, found: CorrectorOutcome
 ) -> _Judgement:
     """Return whether the point that the corrector has found lies on the same curve."""
     curve = problem.curve
@@ -380,7 +380,7 @@ def _judged(
     )
 
 
-def _events_in(trial: _Trial) -> _Events:
+def _events_in(trial: _StepTrial) -> _Events:
     """Return the fold in a step, the place beyond it, and its number of negative eigenvalues."""
     problem, step, target, judgement, reached = trial
     curve = problem.curve
@@ -425,7 +425,7 @@ class _Turning(eqx.Module):
     change: Int[Array, ""]
 
     @classmethod
-    def at(cls, trial: _Trial, beyond: Beyond) -> "_Turning":
+    def at(cls, trial: _StepTrial, beyond: Beyond) -> "_Turning":
         problem, _, target, judgement, reached = trial
         curve = problem.curve
         new = beyond.place
@@ -444,7 +444,7 @@ class _Turning(eqx.Module):
 
 
 @program
-def _account_of(trial: _Trial, events: _Events) -> _Account:
+def _account_of(trial: _StepTrial, events: _Events) -> _Account:
     """Return whether the events in a step explain the Morse index behind it, or modes might.
 
     Modes that have no part in the branch, since they break a symmetry, may change sign as they
@@ -487,7 +487,7 @@ def _account_of(trial: _Trial, events: _Events) -> _Account:
     )
 
 
-def _mode_of_tie(trial: _Trial, events: _Events) -> Field:
+def _mode_of_tie(trial: _StepTrial, events: _Events) -> Field:
     """Return the unstable mode that most moves points apart that change sides together."""
     flips = events.beyond.place.is_free != trial.reached.is_free
     modes = events.opened_modes[:-1]
@@ -518,7 +518,7 @@ class _Crossing(eqx.Module):
     mode: Field
 
 
-def _crossing(trial: _Trial, events: _Events, turn: TurnInStep) -> tuple[TurnInStep, Flag]:
+def _crossing(trial: _StepTrial, events: _Events, turn: TurnInStep) -> tuple[TurnInStep, Flag]:
     """Return the bifurcation in a step, or the turn otherwise, and whether it is explained.
 
     The signs of the modes that have a part in the branch are explained by events. Where another one
@@ -526,14 +526,14 @@ def _crossing(trial: _Trial, events: _Events, turn: TurnInStep) -> tuple[TurnInS
     """
     old = trial.step.here
     crossing = _crossed(trial, events)
-    correction = Correction(trial.problem.curve, crossing.condition, old.is_free)
+    correction = CorrectorProblem(trial.problem.curve, crossing.condition, old.is_free)
     close = EXACT[trial.step.length.dtype.name]
     found = correct(correction, crossing.start, trial.target.row, old.tangent, close)
     return _with_crossing(turn, crossing, found), crossing.agrees
 
 
 @program
-def _crossed(trial: _Trial, events: _Events) -> _Crossing:
+def _crossed(trial: _StepTrial, events: _Events) -> _Crossing:
     """Return the branch that crosses in a step, to first order."""
     problem, step, target, judgement, reached = trial
     curve = problem.curve
@@ -568,7 +568,7 @@ def _crossed(trial: _Trial, events: _Events) -> _Crossing:
 
 
 @program
-def _with_crossing(turn: TurnInStep, crossing: _Crossing, found: Found) -> TurnInStep:
+def _with_crossing(turn: TurnInStep, crossing: _Crossing, found: CorrectorOutcome) -> TurnInStep:
     is_there = crossing.is_there
     at = choose(found.is_found, found.place.at, crossing.start)
     return TurnInStep(
@@ -580,7 +580,7 @@ def _with_crossing(turn: TurnInStep, crossing: _Crossing, found: Found) -> TurnI
 
 
 @program
-def _next_length(trial: _Trial, is_new: Flag) -> tuple[Scalar, Flag]:
+def _next_length(trial: _StepTrial, is_new: Flag) -> tuple[Scalar, Flag]:
     """Return the length of the step after one, taken or not, and whether this is at the last load.
 
     1. After an easy step it is longer, after another one as long.

@@ -1,6 +1,7 @@
 """The states and turns that a continuation records, in stores that it fills one by one.
 
-Outside of a trace that is `Recording`; within a program it is `Tables`, of a bounded size.
+Outside of a trace that is `BranchRecording`; within a program it is `BranchTables`, of a bounded
+size.
 """
 
 from dataclasses import replace
@@ -18,7 +19,7 @@ from jaxstab.core.table import Table
 from jaxstab.core.types import Flag
 
 
-class Recording:
+class BranchRecording:
     """All states and turns of a branch outside of a trace.
 
     Arguments:
@@ -47,7 +48,7 @@ class Recording:
         """Return whether a turn is one of those recorded."""
         return any(is_same(problem, turn, other) for other in self.turns)
 
-    def append(self, branch: BranchState, entry: Entry, turn: Turn) -> "Recording":
+    def append(self, branch: BranchState, entry: Entry, turn: Turn) -> "BranchRecording":
         """Record the state, the turn and the end of a branch after a step, or nothing at all."""
         with interrupts_after():
             self.branch = branch
@@ -68,7 +69,7 @@ class Recording:
         return replace(entry, point=replace(entry.point, gap=jnp.zeros((0,))))
 
 
-class Tables(eqx.Module):
+class BranchTables(eqx.Module):
     """The states and turns of a branch within a program, in room for a number of each."""
 
     states: Table[Entry]
@@ -83,8 +84,8 @@ class Tables(eqx.Module):
         """Return whether a turn is one of those recorded."""
         return is_same(problem, turn, self.turns.rows)
 
-    def append(self, branch: BranchState, entry: Entry, turn: Turn) -> "Tables":
+    def append(self, branch: BranchState, entry: Entry, turn: Turn) -> "BranchTables":
         """Return the tables with the state and the turn of a branch after a step."""
         is_new = branch.step.is_new
         states = self.states.with_entry(entry, is_new)
-        return Tables(states, self.turns.with_entry(turn, is_new & branch.step.turn.is_there))
+        return BranchTables(states, self.turns.with_entry(turn, is_new & branch.step.turn.is_there))

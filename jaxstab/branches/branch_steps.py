@@ -11,7 +11,7 @@ from jaxtyping import Array, Int
 from jaxstab.branches.arclength import ArclengthStep, TurnInStep, take_step
 from jaxstab.branches.branch import Turn
 from jaxstab.branches.corrector import (
-    Correction,
+    CorrectorProblem,
     Undirected,
     correct,
     directed,
@@ -98,7 +98,7 @@ def begin(
     here = directed(curve, first, no_direction)
     if dtype == jnp.float32:
         # A solver may stop as far from the curve as a short step may from its prediction.
-        correction = Correction(curve, first.condition, first.is_free, follows=True)
+        correction = CorrectorProblem(curve, first.condition, first.is_free, follows=True)
         closer = correct(correction, first.at, first.ahead, here.tangent, EXACT[dtype.name])
         here = cond(closer.is_found, lambda: closer.place, lambda: here)
     load = curve.load

@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import PyTree
 
 from jaxstab.branches.branch import Branch, Turn
-from jaxstab.branches.branch_record import Recording, Tables
+from jaxstab.branches.branch_record import BranchRecording, BranchTables
 from jaxstab.branches.branch_steps import (
     BranchState,
     Entry,
@@ -62,7 +62,7 @@ from jaxstab.states.sequence import PathInterrupted
 _MAX_TURNS = 16
 # A branch at its first state, and its turn as if it had one.
 Begun = tuple[ContinuationProblem, BranchState, Entry, Turn]
-Records = TypeVar("Records", Recording, Tables)
+Records = TypeVar("Records", BranchRecording, BranchTables)
 
 
 def continuation(
@@ -142,7 +142,7 @@ def continuation(
         progress_bar("branch", number, "states", shown=progress, inputs=constants),
     ):
         if is_traced(constants):
-            branch = _with_room(_Room(number, fields), *constants)
+            branch = _with_room(_BranchRoom(number, fields), *constants)
         else:
             branch = _known(number, fields, _begun(*constants))
     # An interrupt here would lose a long branch.
@@ -212,7 +212,7 @@ def _gone_on(problem: ContinuationProblem, branch: BranchState) -> tuple[BranchS
 def _known(number: int, fields: bool, begun: Begun) -> Branch:
     """Return a branch to its end, or until interrupted."""
     problem, branch, entry, turn = begun
-    recording = Recording(number, fields, branch, entry, turn)
+    recording = BranchRecording(number, fields, branch, entry, turn)
     try:
         _followed(problem, branch, recording)
     except early_ends():
@@ -223,7 +223,7 @@ def _known(number: int, fields: bool, begun: Begun) -> Branch:
         return _branch(problem, recording.branch, *recording.rows())
 
 
-class _Room(eqx.Module):
+class _BranchRoom(eqx.Module):
     """Room for a number of states, with or without their gaps."""
 
     num_states: int = eqx.field(static=True)
@@ -232,12 +232,12 @@ class _Room(eqx.Module):
 
 @program
 @by_entries
-def _with_room(room: _Room, *inputs: PyTree) -> Branch:
+def _with_room(room: _BranchRoom, *inputs: PyTree) -> Branch:
     """Return a branch in room for a number of states, within a program."""
     problem, branch, entry, turn = _begun(*inputs)
     states = Table.like(entry, room.num_states, room.fields)
     states = states.with_entry(entry, jnp.array(True))
-    tables = Tables(states, Table.like(turn, _MAX_TURNS))
+    tables = BranchTables(states, Table.like(turn, _MAX_TURNS))
     branch, tables = _followed(problem, branch, tables)
     is_cut = branch.is_on & tables.turns.is_full & ~tables.states.is_full
     branch = replace(branch, result=RESULTS.where(is_cut, RESULTS.store_full, branch.result))

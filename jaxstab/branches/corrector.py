@@ -79,7 +79,7 @@ def at_change(curve: Curve, point: Mask, opens: Flag, scale: Scalar) -> Conditio
     return Condition(row, weights, zero, scale)
 
 
-class Correction(eqx.Module):
+class CorrectorProblem(eqx.Module):
     """The problem of the corrector: a curve, a condition, and the free points.
 
     Attributes:
@@ -111,7 +111,7 @@ class Correction(eqx.Module):
         return imbalance, self.condition.error(point, forces)
 
 
-class Found(eqx.Module):
+class CorrectorOutcome(eqx.Module):
     """Where the corrector has ended.
 
     Attributes:
@@ -130,13 +130,13 @@ class Found(eqx.Module):
 
 
 def correct(
-    problem: Correction,
+    problem: CorrectorProblem,
     start: Point,
     ahead: Point,
     near: Point,
     close: Scalar | float,
     fine: Scalar | float | None = None,
-) -> Found:
+) -> CorrectorOutcome:
     """Return the point of a curve that meets a condition, by Newton's method, and its direction.
 
     Arguments:
@@ -175,25 +175,25 @@ def directed(curve: Curve, point: Undirected, near: Point) -> Place:
 
     Sought from another direction nearby, or from zero, by the last step of the corrector.
     """
-    problem = Correction(curve, point.condition, point.is_free)
+    problem = CorrectorProblem(curve, point.condition, point.is_free)
     tangent = correct(problem, point.at, point.ahead, near, np.inf).place.tangent
     return Place(point.at, point.is_free, tangent)
 
 
 @program
 def _newton(
-    problem: Correction, start: Point, ahead: Point, near: Point, close: Scalar, fine: Scalar
-) -> Found:
+    problem: CorrectorProblem, start: Point, ahead: Point, near: Point, close: Scalar, fine: Scalar
+) -> CorrectorOutcome:
     curve = problem.curve
     dtype = start.gap.dtype
     enough = EQUILIBRIUM[dtype.name]
 
-    def goes_on(state: tuple[Found, Scalar, Int[Array, ""]]) -> Flag:
+    def goes_on(state: tuple[CorrectorOutcome, Scalar, Int[Array, ""]]) -> Flag:
         old, _, num_failures = state
         may_succeed = jnp.isfinite(old.residual) & (num_failures < _MAX_FAILURES)
         return ~old.is_found & may_succeed & (old.num_steps <= _MAX_STEPS)
 
-    def step(state: tuple[Found, Scalar, Int[Array, ""]]) -> tuple:
+    def step(state: tuple[CorrectorOutcome, Scalar, Int[Array, ""]]) -> tuple:
         old, least_residual, num_failures = state
         at = old.place.at
         follows = problem.follows
@@ -220,12 +220,14 @@ def _newton(
         at = choose(is_found, at, Point(gap, at.pressure + change.pressure))
         tangent = choose(is_found, curve.unit(direction.plus(change)), near)
         place = Place(at, problem.free_points(at), tangent)
-        found = Found(place, forces, residual, old.num_steps + ~is_found, is_found)
+        found = CorrectorOutcome(place, forces, residual, old.num_steps + ~is_found, is_found)
         num_failures = jnp.where(residual <= _LEAST_FALL * least_residual, 0, num_failures + 1)
         return found, jnp.minimum(residual, least_residual), num_failures
 
     infinite = jnp.full((), jnp.finfo(dtype).max, dtype)
     place = Place(start, problem.free_points(start), near)
     none = jnp.array(0)
-    first = Found(place, zeros_of(problem.forces, start), infinite, none, jnp.array(False))
+    first = CorrectorOutcome(
+        place, zeros_of(problem.forces, start), infinite, none, jnp.array(False)
+    )
     return jax.lax.while_loop(goes_on, step, (first, infinite, none))[0]

@@ -11,7 +11,7 @@ from jaxtyping import Array, Int
 
 from jaxstab.branches.corrector import (
     Condition,
-    Correction,
+    CorrectorProblem,
     Undirected,
     at_change,
     correct,
@@ -194,7 +194,7 @@ def fold_between(curve: Curve, old: Place, new: Place) -> tuple[Place, Flag]:
 
     def narrow(bracket: _Bracket) -> _Bracket:
         condition, start, direction = _on_cubic(step, old, bracket)
-        correction = Correction(curve, condition, old.is_free)
+        correction = CorrectorProblem(curve, condition, old.is_free)
         found = correct(
             correction, start, step.row, direction, EXACT[dtype], EQUILIBRIUM[dtype]
         ).place

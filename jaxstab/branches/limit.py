@@ -22,8 +22,8 @@ from jaxstab.branches.branch_steps import (
 from jaxstab.branches.corrector import (
     AT_STATES,
     Condition,
-    Correction,
-    Found,
+    CorrectorOutcome,
+    CorrectorProblem,
     Undirected,
     at_change,
     correct,
@@ -134,7 +134,7 @@ def limit_ahead(contact: Contact, load: Load, gap: Field, ahead: Scalar) -> Limi
         distance, closes = start
         here = directed(curve, _state_of(search, closes), search.nothing)
         plane, row, at = _plane_behind(search, distance, here)
-        correction = Correction(curve, plane, here.is_free)
+        correction = CorrectorProblem(curve, plane, here.is_free)
         behind = correct(correction, at, row, here.tangent, AT_STATES[dtype.name])
         is_on_curve, result, length = _begun(search, behind)
         branch = branch_from(behind.place, length, array(UNKNOWN), search.modes, result)
@@ -190,7 +190,7 @@ def _plane_behind(search: _Ahead, distance: Scalar, here: Place) -> tuple[Condit
 
 
 @program
-def _begun(search: _Ahead, found: Found) -> tuple[Flag, RESULTS, Scalar]:
+def _begun(search: _Ahead, found: CorrectorOutcome) -> tuple[Flag, RESULTS, Scalar]:
     """Return whether a branch towards the load begins at the point found, and its first step."""
     place = found.place
     signs = jnp.where(place.is_free, place.at.gap, found.forces.net) > 0
@@ -389,7 +389,7 @@ def limit_between(
     new = search.after.step
     is_release = seen.is_release
     condition = at_change(curve, seen.point, jnp.array(True), problem.max_step)
-    correction = Correction(curve, condition, seen.is_free)
+    correction = CorrectorProblem(curve, condition, seen.is_free)
     imbalance, reaction = correction.residual(seen.at, correction.forces(seen.at))
     residual = jnp.maximum(imbalance, jnp.where(is_release, jnp.abs(reaction), 0))
     is_met = residual <= EQUILIBRIUM[dtype]

@@ -37,8 +37,8 @@ from jaxstab.equilibrium.validity import warn_beyond_hardness
 from jaxstab.loading.load_path import DISTURBANCE, LoadPath, load_path_of
 from jaxstab.loading.load_stepping import fraction_done, step_to_end
 from jaxstab.loading.path import Jump, Path
-from jaxstab.loading.record import Room
-from jaxstab.loading.recorded_path import Recording, path_of, path_with_room
+from jaxstab.loading.record import PathRoom
+from jaxstab.loading.recorded_path import PathRecording, path_of, path_with_room
 from jaxstab.loads import Load, require_load, require_same_machine
 from jaxstab.states.sequence import PathInterrupted
 
@@ -127,7 +127,7 @@ def follow(
     noise = scalar_parameter(disturbance, "The disturbance")
     require_positive("smallest_jump", least)
     require("The disturbance", noise, concrete(noise) >= 0, "it must not be negative.")
-    room = Room(integer("max_states", max_states), integer("max_jumps", max_jumps), fields)
+    room = PathRoom(integer("max_states", max_states), integer("max_jumps", max_jumps), fields)
     require("max_states", room.num_states, room.num_states >= 2, "a path has two states at least.")
     require("max_jumps", room.num_jumps, room.num_jumps >= 1, "leave room for one.")
     warn_if_coarse(contact, FOR_JUMPS)
@@ -178,7 +178,7 @@ def _with_derivatives(path: Path, inputs: tuple[Contact, Load], others: tuple) -
 def _known_path(fields: bool, load_path: LoadPath, start: Field) -> Path:
     """Return the path to the end, or until interrupted."""
     load = load_path.load
-    recording = Recording(load_path, fields)
+    recording = PathRecording(load_path, fields)
     was_interrupted = False
     try:
         step_to_end(load_path, start, lambda _: recording)

@@ -3,8 +3,9 @@
 1. A step makes a `Record`: of the state that it has led to, if that is a new one, and of the jump
    that it has located, if there is one.
 2. A store takes the records in order, by `append`, until it is full. Outside of a trace, where a
-   path has as many states as it needs, that is `Recording`; within a program it is `Tables`, made
-   by `Room`, of a bounded size. Where the strongest jump alone matters, it is `Strongest`.
+   path has as many states as it needs, that is `PathRecording`; within a program it is
+   `PathTables`, made by `PathRoom`, of a bounded size. Where the strongest jump alone matters, it
+   is `Strongest`.
 3. At the end the equilibria before and after a jump are computed from the gaps in its `Event`.
 """
 
@@ -99,21 +100,21 @@ class Record(eqx.Module):
     result: RESULTS
 
 
-class Room(eqx.Module):
+class PathRoom(eqx.Module):
     """Room for the states and the jumps of a path, with or without the gaps of the states."""
 
     num_states: int = eqx.field(static=True)
     num_jumps: int = eqx.field(static=True)
     fields: bool = eqx.field(static=True)
 
-    def __call__(self, like: Record) -> "Tables":
+    def __call__(self, like: Record) -> "PathTables":
         """Return empty tables for records like one."""
         states = Table.like(like.point, self.num_states, self.fields)
         jumps = Table.like(like.event, self.num_jumps)
-        return Tables(states, jumps, like.point.gap)
+        return PathTables(states, jumps, like.point.gap)
 
 
-class Tables(eqx.Module):
+class PathTables(eqx.Module):
     """The states and the jumps of a path within a program, in room for a number of them.
 
     Attributes:
@@ -131,11 +132,11 @@ class Tables(eqx.Module):
         """Whether there is no room for another state or jump."""
         return self.states.is_full | self.jumps.is_full
 
-    def append(self, record: Record) -> "Tables":
+    def append(self, record: Record) -> "PathTables":
         """Return the tables with the record of a step."""
         states = self.states.with_entry(record.point, record.is_state)
         jumps = self.jumps.with_entry(record.event, record.is_event)
-        return Tables(states, jumps, jnp.where(record.is_state, record.point.gap, self.gap))
+        return PathTables(states, jumps, jnp.where(record.is_state, record.point.gap, self.gap))
 
 
 class Strongest(eqx.Module):

@@ -23,7 +23,7 @@ from jaxstab.core.types import Field, Scalar
 from jaxstab.loading.load_path import LoadPath
 from jaxstab.loading.load_stepping import step_to_end
 from jaxstab.loading.path import Jump, Path
-from jaxstab.loading.record import Event, Record, Room
+from jaxstab.loading.record import Event, PathRoom, Record
 from jaxstab.loads import Load
 from jaxstab.states.kinds import KINDS
 from jaxstab.states.point import PathPoint, states_along
@@ -32,7 +32,7 @@ from jaxstab.states.point import PathPoint, states_along
 _ROOM = 1024
 
 
-class Recording:
+class PathRecording:
     """All states and jumps of load stepping outside of a trace, appended step by step.
 
     Attributes:
@@ -65,7 +65,7 @@ class Recording:
         is_over = int(self.last.leg) == self.load_path.load.value.size - 1
         return is_over or bool(self.last.result != RESULTS.successful)
 
-    def append(self, record: Record) -> "Recording":
+    def append(self, record: Record) -> "PathRecording":
         """Append what a step has recorded, all of it or, where it is interrupted, nothing."""
         point = record.point
         is_state = bool(record.is_state)
@@ -94,7 +94,7 @@ class Recording:
 
 @program
 @by_entries
-def path_with_room(room: Room, load_path: LoadPath, start: Field) -> Path:
+def path_with_room(room: PathRoom, load_path: LoadPath, start: Field) -> Path:
     """Return the path of a contact along a load path, within a program.
 
     Only the first entries are of states, and of jumps, as many as it has recorded.
@@ -108,7 +108,7 @@ def path_with_room(room: Room, load_path: LoadPath, start: Field) -> Path:
     return replace(path, jumps=jax.lax.map(partial(_jump, contact, load), tables.jumps.rows))
 
 
-def path_of(record: Recording, result: RESULTS) -> Path:
+def path_of(record: PathRecording, result: RESULTS) -> Path:
     """Return the path of a recording, and how it ended."""
     contact = record.load_path.contact
     load = record.load_path.load

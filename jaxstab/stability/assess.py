@@ -27,7 +27,7 @@ from jaxstab.stability.barrier import margins_of
 from jaxstab.stability.cones import Subspace
 from jaxstab.stability.derivatives import differentiable
 from jaxstab.stability.eigenpair import Eigenpair
-from jaxstab.stability.eigenproblems import AssessedState, Found, problems_of
+from jaxstab.stability.eigenproblems import AssessedState, SmallestPairs, problems_of
 from jaxstab.stability.search import smallest_eigenpairs
 from jaxstab.stability.solvers.base import ConeSolver
 from jaxstab.stability.solvers.cone_lobpcg import ProjectedLOBPCG
@@ -155,7 +155,7 @@ def _assessed(
 
 
 @program
-def _stability(equilibrium: Equilibrium, state: AssessedState, found: Found) -> Stability:
+def _stability(equilibrium: Equilibrium, state: AssessedState, found: SmallestPairs) -> Stability:
     """Return the verdict on the eigenpairs of a search."""
     found = found.ordered()
     softest = jnp.abs(found.hull.eigenvalue)

@@ -83,7 +83,7 @@ class AssessedState(eqx.Module):
         ]
 
 
-class Found(eqx.Module):
+class SmallestPairs(eqx.Module):
     """The smallest eigenpairs of an equilibrium.
 
     Attributes:
@@ -98,14 +98,14 @@ class Found(eqx.Module):
     critical: Eigenpair
     hull: Eigenpair
 
-    def without(self, name: str) -> "Found":
+    def without(self, name: str) -> "SmallestPairs":
         """Return the same, with one of the pairs not computed."""
         pair = getattr(self, name)
         unknown = array(np.nan, pair.eigenvalue.dtype)
         left_out = replace(pair, eigenvalue=unknown, result=RESULTS.not_computed)
         return replace(self, **{name: left_out})
 
-    def failed(self, result: RESULTS) -> "Found":
+    def failed(self, result: RESULTS) -> "SmallestPairs":
         """Return pairs without numbers, of a state that is no equilibrium."""
         dtype = self.cone.eigenvalue.dtype
         changes = {
@@ -115,9 +115,9 @@ class Found(eqx.Module):
             "result": result,
         }
         pairs = self.lower_bound, self.cone, self.critical, self.hull
-        return Found(*(replace(pair, **changes) for pair in pairs))
+        return SmallestPairs(*(replace(pair, **changes) for pair in pairs))
 
-    def ordered(self) -> "Found":
+    def ordered(self) -> "SmallestPairs":
         """Return pairs of which none is above one on a smaller cone."""
         critical = with_cost(cost_of(self.hull), self.critical)
         on_critical = critical.eigenvalue, critical.mode
@@ -165,7 +165,7 @@ def problems_of(contact: Contact, equilibrium: Equilibrium) -> tuple[Eigenproble
 
 
 @program
-def covering_doubt(problems: Eigenproblems, found: Found) -> Found:
+def covering_doubt(problems: Eigenproblems, found: SmallestPairs) -> SmallestPairs:
     """Return the pairs on both cones with errors that cover the points in doubt.
 
     The critical eigenvalue lies between the hull's, where these points all move freely, and

@@ -22,7 +22,7 @@ from jaxstab.stability.coarse_start import (
     start_from_hull,
     starts_on_space,
 )
-from jaxstab.stability.eigenproblems import Eigenproblems, Found, covering_doubt
+from jaxstab.stability.eigenproblems import Eigenproblems, SmallestPairs, covering_doubt
 from jaxstab.stability.lowest_pair import (
     Lowest,
     lowest_of,
@@ -40,7 +40,7 @@ def smallest_eigenpairs(
     spaces: SpaceSolver,
     key: PRNGKeyArray,
     verdict_only: Flag,
-) -> Found:
+) -> SmallestPairs:
     """Return the smallest eigenpairs, of V0+ by one solver and of linear spaces by another.
 
     The key is the random key of vectors to start from. With `verdict_only` the searches stop at a
@@ -85,7 +85,7 @@ def smallest_eigenpairs(
     proved = cond(is_needed, lambda: certified(spaces, problem, lowest, around), lambda: lowest)
     advance_if_known(proved)
 
-    found = Found(around.pair, proved.pair, critical.pair, hull.pair)
+    found = SmallestPairs(around.pair, proved.pair, critical.pair, hull.pair)
     covered = cond(is_doubtful, lambda: covering_doubt(problems, found), lambda: found)
     left = cond(is_decided, lambda: covered.without("cone"), lambda: covered)
     return cond(is_proved, lambda: left.without("critical"), lambda: left)

@@ -36,7 +36,7 @@ _LEAST_PART = 0.1
 _POINTS = 64
 
 
-class Barriers(NamedTuple):
+class InterpolatedBarriers(NamedTuple):
     """Barriers over tensions, between the passes interpolated.
 
     Attributes:
@@ -118,7 +118,7 @@ class BarrierCurve:
                 missed = abs(new.barrier - expected) + abs(new.slope - slope) * length
                 self._errors[i] = min(self._errors[i], missed * _OF_MISSED)
 
-    def barriers(self) -> Barriers:
+    def barriers(self) -> InterpolatedBarriers:
         """Return the barriers at many tensions."""
         tensions = [np.array([self._nodes[0].tension])]
         barriers = [np.array([self._nodes[0].barrier])]
@@ -129,7 +129,7 @@ class BarrierCurve:
             tensions.append(places)
             barriers.append(self._between(i, places)[0])
             errors.append(np.full(_POINTS, error))
-        return Barriers(
+        return InterpolatedBarriers(
             np.concatenate(tensions),
             np.concatenate(barriers),
             np.concatenate(errors),

@@ -53,7 +53,7 @@ _NOT_DETACHED = "No pass to detached surfaces was found at {!r}"
 
 # There and back; of the saddle, the start and the end. Detached surfaces are no end to come back
 # from.
-Barriers = tuple[Scalar, ...]
+Heights = tuple[Scalar, ...]
 Gaps = tuple[Field, ...]
 
 
@@ -236,8 +236,8 @@ def _with_barriers(
 
 
 def _changes_of_barriers(
-    barriers: Barriers, known: tuple[Gaps, Flag], inputs: tuple, changes: tuple
-) -> tuple[Barriers, Flag]:
+    barriers: Heights, known: tuple[Gaps, Flag], inputs: tuple, changes: tuple
+) -> tuple[Heights, Flag]:
     """Return how barriers change, at constant gaps, which are in equilibrium: a rule."""
     gaps, is_found = known
     gaps, inputs = finite(is_found, (gaps, inputs))
@@ -246,7 +246,7 @@ def _changes_of_barriers(
     return pushed(partial(_barriers, gaps), inputs, changes), ~is_found
 
 
-def _barriers(gaps: Gaps, contact: Contact, load: Load) -> Barriers:
+def _barriers(gaps: Gaps, contact: Contact, load: Load) -> Heights:
     """Return how far the energy of the first gap is above the energies of the others."""
     landscape = Landscape(contact, contact.control(load))
     top, *ends = (landscape.energy(landscape.control.restore(gap)) for gap in gaps)

@@ -7,7 +7,7 @@ import pytest
 
 import jaxstab as js
 from jaxstab.branches.branch_steps import pressure_of
-from jaxstab.branches.corrector import Correction, Undirected, correct, directed, on_plane
+from jaxstab.branches.corrector import CorrectorProblem, Undirected, correct, directed, on_plane
 from jaxstab.branches.curve import Curve, Point
 from jaxstab.core.accuracy import EXACT
 from jaxstab.equilibrium.posing import posed
@@ -27,7 +27,7 @@ def test_it_meets_a_tension_that_there_is_and_soon_gives_up_one_that_there_is_no
     unit = jnp.ones_like(at.pressure)
 
     def found_at(value):
-        problem = Correction(curve, on_plane(row, value * unit, unit), at.gap > 0)
+        problem = CorrectorProblem(curve, on_plane(row, value * unit, unit), at.gap > 0)
         return correct(problem, at, row, tangent, EXACT["float64"])
 
     nothing = jax.tree.map(jnp.zeros_like, at)
