@@ -25,7 +25,7 @@ class PressingControl(Control):
 
     fixes_mean: ClassVar[bool] = False
 
-    punch: eqx.AbstractVar[Field | None]
+    punch: Field | None = eqx.field(default=None, kw_only=True)
 
     def mean_gap_of(self, gap: Field) -> Scalar:
         """Return the mean of the gap with the weights of the load [length]."""
@@ -76,7 +76,6 @@ class PressureControl(PressingControl):
     stores_energy: ClassVar[bool] = False
 
     mean_pressure: Scalar
-    punch: Field | None
 
     @property
     def stiffness(self) -> None:

@@ -45,7 +45,6 @@ class SpringControl(PressingControl):
     relaxed_gap: Scalar
     constant: Scalar
     softest: Scalar
-    punch: Field | None
 
     @property
     def is_stiff(self) -> Flag:

@@ -447,5 +447,5 @@ def test_a_levelled_surface_has_neither_tilt_nor_gaps_and_keeps_its_waves():
     cut = Topography(js.Grid(heights[part].shape), (heights + tilt)[part])
     assert np.allclose(cut.levelled().heights, cut.detrended(1).heights)
     spike = Topography(grid, with_heights(heights, (7, 9), 5.0))
-    with pytest.warns(js.surfaces.SurfaceWarning, match="stand out alone"):
+    with pytest.warns(js.exceptions.SurfaceWarning, match="stand out alone"):
         assert np.ptp(spike.levelled(0).heights) > 4
