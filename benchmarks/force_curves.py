@@ -35,7 +35,7 @@ def main() -> None:
     parser.add_argument("--out", type=Path, help="a file for the table as well")
     options = parser.parse_args()
     warnings.simplefilter("ignore")
-    lines = [f"Radius {options.radius:g} m, {options.segment}.", "", HEAD]
+    lines = [HEAD]
     reasons = []
     for name, curve in curves(options.folder, options.most, reasons):
         try:
@@ -46,7 +46,9 @@ def main() -> None:
         lines.append(line)
         print(line, flush=True)
     lines += ["", "| without a fit | reason |", "|---|---|"]
-    lines += [f"| {name} | {reason.splitlines()[0][:160]} |" for name, reason in reasons]
+    for name, reason in reasons:
+        text = reason.splitlines()[0].replace(f"{options.folder}/", "").replace(f"{name}: ", "")
+        lines.append(f"| {name} | {text.split('. ')[0].split(': give')[0]} |")
     print("\n".join(lines[-len(reasons) - 3 :]))
     if options.out:
         options.out.write_text("\n".join(lines) + "\n")

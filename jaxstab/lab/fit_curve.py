@@ -26,7 +26,7 @@ _JUMP, _STEEPER, _BESIDE = 8.0, 5.0, 21
 # by this much, in units of its scatter.
 _ATTRACTION, _GAIN = 4.0, 20.0
 # Ranges from which a fit starts, over Tabor's length (w / E*)^(2/3) R^(1/3), and the bounds.
-_STARTS = (0.1, 0.7, 3.0)
+_STARTS = (0.1, 0.5, 2.0, 8.0)
 _RANGES = 1e-3, 300.0
 # An attraction acts over no less than the distance of atoms [m].
 _ATOM = 1e-10
@@ -79,7 +79,8 @@ def fit_curve(
     Sci. 3, 47 (1965)).
 
     Standard errors include noise that is correlated over some points, and a misfit of the model.
-    They do not include errors of the spring constant, the tip and Poisson's ratio.
+    They do not include errors of the spring constant, the tip, Poisson's ratio and the law: between
+    JKR and DMT another law makes another curve.
 
     Arguments:
         curve: the curve, with a spring constant; one that is not corrected is.
@@ -451,6 +452,8 @@ def _with_adhesion(
         numbers = [np.log(modulus), *zeros, np.log(work), np.log(start * length)]
         found.append(model.fit(np.array(numbers) / model.units, _ALL, _FIRST, bounds))
     best = min(found, key=lambda one: one.cost)
+    # Errors of bins would hide a fit that has not ended.
+    best = model.fit(best.x, _ALL, _LAST, bounds)
     return *_weighted(model, best, bounds), bounds
 
 
