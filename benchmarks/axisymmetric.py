@@ -140,7 +140,7 @@ def dead_rows():
 
 
 def held_rows():
-    for parameter, number in ((1.0, 200), (2.0, 200)):
+    for parameter, number in ((1.0, 200), (2.0, 200), (2.0, 400)):
         contact = dugdale(parameter, number)
         exact = maugis.pull_off(*SPHERE, strength_of(parameter), np.inf)
         start = js.equilibrate(contact, js.FarDisplacement(-0.9 * exact.displacement))
