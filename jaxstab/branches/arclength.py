@@ -470,7 +470,9 @@ def _account_of(trial: _StepTrial, events: _Events) -> _Account:
         is_unknown |= is_tied
     kind = KINDS.where(target.opens, KINDS.release, KINDS.touch)
     kind = KINDS.where(target.is_change, kind, KINDS.fold)
-    onwards = choose(judgement.turns, events.fold.tangent.gap, events.beyond.place.tangent.gap)
+    mode = jnp.where(judgement.turns, events.fold.tangent.gap, events.beyond.place.tangent.gap)
+    if not problem.to_limit:
+        mode = jnp.where(splits, _mode_of_tie(trial, events), mode)
     return _Account(
         is_sound=events.beyond.goes_on & events.is_flat & ~is_beyond,
         agrees=agrees,
@@ -482,7 +484,7 @@ def _account_of(trial: _StepTrial, events: _Events) -> _Account:
             is_there=judgement.turns | turning.back | splits,
             at=events.fold.at,
             kind=KINDS.where(splits, KINDS.bifurcation, kind),
-            mode=jnp.where(splits, _mode_of_tie(trial, events), onwards),
+            mode=mode,
         ),
     )
 
@@ -495,7 +497,7 @@ def _mode_of_tie(trial: _StepTrial, events: _Events) -> Field:
     def apart(mode: Field) -> Scalar:
         return total(jnp.where(flips, (mode - mean_over(flips, mode)) ** 2, 0))
 
-    parts = jnp.stack([apart(mode) for mode in modes])
+    parts = jax.vmap(apart)(modes)
     is_unstable = jnp.arange(len(modes)) < events.opened_index
     return modes[jnp.argmax(jnp.where(is_unstable, parts, -1))]
 
