@@ -323,7 +323,7 @@ class Stiffnesses(eqx.Module):
 
 
 def test_fields_whose_joined_names_agree_are_kept_apart():
-    recorder = Recorder((4, 6))
+    recorder = Recorder(js.Grid((4, 6)))
     given = Stiffnesses(jnp.array(1.0), (jnp.array(2.0), jnp.array(3.0)))
     structure = recorder.structure(given, ("load",))
     arrays = {name: record.values for name, record in recorder.records.items()}
