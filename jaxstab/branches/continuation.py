@@ -9,17 +9,16 @@ from typing import TypeVar
 
 import equinox as eqx
 import jax
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import PyTree
 
 from jaxstab.branches.branch import Branch, Turn
-from jaxstab.branches.branch_record import BranchRecording, BranchTables
 from jaxstab.branches.branch_steps import (
     BranchState,
     Entry,
     begin,
     entry_of,
+    is_same,
     next_state,
     two_loads,
 )
@@ -39,9 +38,8 @@ from jaxstab.core.control_flow import by_entries, cond, while_loop
 from jaxstab.core.display import several
 from jaxstab.core.implicit import refuse_derivatives
 from jaxstab.core.interrupts import early_ends, interrupts_held
-from jaxstab.core.progress import progress_bar
+from jaxstab.core.progress import advance_to, progress_bar
 from jaxstab.core.results import RESULTS
-from jaxstab.core.table import Table
 from jaxstab.core.types import ArrayLike, Field, Flag, Scalar
 from jaxstab.core.warn import warn
 from jaxstab.equilibrium import (
@@ -56,13 +54,12 @@ from jaxstab.equilibrium.start import start_of
 from jaxstab.loads import Load
 from jaxstab.states.kinds import KINDS
 from jaxstab.states.point import states_along
+from jaxstab.states.record import Record, Recording, Room, Tables
 from jaxstab.states.sequence import PathInterrupted
 
 # Turns that there is room for under JAX transformations.
 _MAX_TURNS = 16
-# A branch at its first state, and its turn as if it had one.
-Begun = tuple[ContinuationProblem, BranchState, Entry, Turn]
-Records = TypeVar("Records", BranchRecording, BranchTables)
+Store = TypeVar("Store", Recording[BranchState, Entry, Turn], Tables[Entry, Turn])
 
 
 def continuation(
@@ -142,9 +139,9 @@ def continuation(
         progress_bar("branch", number, "states", shown=progress, inputs=constants),
     ):
         if is_traced(constants):
-            branch = _with_room(_BranchRoom(number, fields), *constants)
+            branch = _branch_with_room(Room(number, _MAX_TURNS, fields), *constants)
         else:
-            branch = _known(number, fields, _begun(*constants))
+            branch = _known_branch(number, fields, *constants)
     # An interrupt here would lose a long branch.
     with interrupts_held() as held:
         branch = finished(branch, problem, partial(_describe, load), throw)
@@ -161,87 +158,88 @@ def _positive(name: str, step: ArrayLike | None) -> Scalar | None:
     return length
 
 
-def _begun(
+def _first_record(
     contact: Contact,
     load: Load,
     solver: EquilibriumSolver,
     start: Field,
     steps: list[Scalar | None],
-) -> Begun:
+) -> tuple[ContinuationProblem, BranchState, Record[Entry, Turn]]:
+    """Return the problem of a branch, the branch at its first state, and the record of that."""
     problem, branch = begin(contact, load, find(contact, load[0], solver, start), *steps)
-    return problem, branch, *entry_of(problem, branch)
+    return problem, branch, _record_of(problem, branch)
 
 
-def _followed(
-    problem: ContinuationProblem, branch: BranchState, records: Records
-) -> tuple[BranchState, Records]:
-    """Return a branch at its end, or where its records are full, and these.
+def _record_of(problem: ContinuationProblem, branch: BranchState) -> Record[Entry, Turn]:
+    """Return the record of the last step of a branch: its state, and the turn before it."""
+    entry, turn = entry_of(problem, branch)
+    is_new = concrete(branch.step.is_new)
+    return Record(entry, is_new, turn, is_new & concrete(branch.step.turn.is_there))
+
+
+def _follow(
+    problem: ContinuationProblem, branch: BranchState, store: Store
+) -> tuple[BranchState, Store]:
+    """Return a branch at its end, or where its store is full, and the store.
 
     1. Step along the curve until there is a new state, or the branch ends.
     2. If the load turns there where it has turned before, the branch is a loop, and ends.
-    3. Record the state, and the turn.
+    3. Append the state, and the turn.
     """
 
-    def goes_on(state: tuple[BranchState, Records]) -> Flag:
-        branch, records = state
-        return branch.is_on & ~concrete(records.is_full)
+    def goes_on(state: tuple[BranchState, Store]) -> Flag:
+        branch, store = state
+        return branch.is_on & ~concrete(store.is_full)
 
-    def further(state: tuple[BranchState, Records]) -> tuple[BranchState, Records]:
-        branch, records = state
-        branch, entry, turn = _gone_on(problem, branch)
-        is_turn = concrete(branch.step.is_new) & concrete(branch.step.turn.is_there)
-        is_loop = cond(is_turn, lambda: records.has(problem, turn), lambda: False)
+    def further(state: tuple[BranchState, Store]) -> tuple[BranchState, Store]:
+        branch, store = state
+        branch = _next_new_state(problem, branch)
+        record = _record_of(problem, branch)
+        is_known = partial(is_same, problem, record.event)
+        is_loop = cond(record.is_event, lambda: store.has_event(is_known), lambda: False)
         end = cond(is_loop, lambda: KINDS.loop, lambda: branch.end)
         branch = replace(branch, end=end)
-        return branch, records.append(branch, entry, turn)
+        store = store.append(branch, record)
+        advance_to(lambda: int(branch.count))
+        return branch, store
 
-    return while_loop(goes_on, further, (branch, records))
+    return while_loop(goes_on, further, (branch, store))
 
 
-def _gone_on(problem: ContinuationProblem, branch: BranchState) -> tuple[BranchState, Entry, Turn]:
-    """Return a branch after the next new state, which it also returns, or at its end."""
+def _next_new_state(problem: ContinuationProblem, branch: BranchState) -> BranchState:
+    """Return a branch after its next new state, or at its end."""
     fresh = replace(branch, step=replace(branch.step, is_new=np.array(False)))
-    ended = while_loop(
+    return while_loop(
         lambda branch: branch.is_on & ~concrete(branch.step.is_new),
         partial(next_state, problem),
         fresh,
     )
-    return ended, *entry_of(problem, ended)
 
 
-def _known(number: int, fields: bool, begun: Begun) -> Branch:
+def _known_branch(number: int, fields: bool, *inputs: PyTree) -> Branch:
     """Return a branch to its end, or until interrupted."""
-    problem, branch, entry, turn = begun
-    recording = BranchRecording(number, fields, branch, entry, turn)
+    problem, branch, record = _first_record(*inputs)
+    recording: Recording[BranchState, Entry, Turn] = Recording(fields, number)
+    recording.append(branch, record)
     try:
-        _followed(problem, branch, recording)
+        _follow(problem, branch, recording)
     except early_ends():
-        states = several(len(recording.entries), "state")
+        states = several(len(recording.states), "state")
         warn(f"The branch was interrupted after {states}.", PathInterrupted)
-        recording.branch = replace(recording.branch, result=RESULTS.interrupted)
+        recording.search = replace(recording.search, result=RESULTS.interrupted)
     with interrupts_held():
-        return _branch(problem, recording.branch, *recording.rows())
-
-
-class _BranchRoom(eqx.Module):
-    """Room for a number of states, with or without their gaps."""
-
-    num_states: int = eqx.field(static=True)
-    fields: bool = eqx.field(static=True)
+        return _branch(problem, recording.search, *recording.rows(record.event))
 
 
 @program
 @by_entries
-def _with_room(room: _BranchRoom, *inputs: PyTree) -> Branch:
+def _branch_with_room(room: Room, *inputs: PyTree) -> Branch:
     """Return a branch in room for a number of states, within a program."""
-    problem, branch, entry, turn = _begun(*inputs)
-    states = Table.like(entry, room.num_states, room.fields)
-    states = states.with_entry(entry, jnp.array(True))
-    tables = BranchTables(states, Table.like(turn, _MAX_TURNS))
-    branch, tables = _followed(problem, branch, tables)
-    is_cut = branch.is_on & tables.turns.is_full & ~tables.states.is_full
+    problem, branch, record = _first_record(*inputs)
+    branch, tables = _follow(problem, branch, room(record).append(branch, record))
+    is_cut = branch.is_on & tables.events.is_full & ~tables.states.is_full
     branch = replace(branch, result=RESULTS.where(is_cut, RESULTS.store_full, branch.result))
-    return _branch(problem, branch, tables.states.rows, tables.turns.rows)
+    return _branch(problem, branch, tables.states.rows, tables.events.rows)
 
 
 def _branch(

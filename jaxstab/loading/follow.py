@@ -34,12 +34,14 @@ from jaxstab.equilibrium.equilibrium import State
 from jaxstab.equilibrium.posing import finished, posed
 from jaxstab.equilibrium.start import initial_of_path, start_of
 from jaxstab.equilibrium.validity import warn_beyond_hardness
+from jaxstab.loading.jump_detection import Progress
 from jaxstab.loading.load_path import DISTURBANCE, LoadPath, load_path_of
-from jaxstab.loading.load_stepping import fraction_done, step_to_end
+from jaxstab.loading.load_stepping import step_to_end
 from jaxstab.loading.path import Jump, Path
-from jaxstab.loading.record import PathRoom
-from jaxstab.loading.recorded_path import PathRecording, path_of, path_with_room
+from jaxstab.loading.recorded_path import path_of, path_with_room, with_jump
 from jaxstab.loads import Load, require_load, require_same_machine
+from jaxstab.states.point import PathPoint
+from jaxstab.states.record import Recording, Room
 from jaxstab.states.sequence import PathInterrupted
 
 # Jumps are located by default from this loss: over the problem's characteristic energy, and over
@@ -127,9 +129,9 @@ def follow(
     noise = scalar_parameter(disturbance, "The disturbance")
     require_positive("smallest_jump", least)
     require("The disturbance", noise, concrete(noise) >= 0, "it must not be negative.")
-    room = PathRoom(integer("max_states", max_states), integer("max_jumps", max_jumps), fields)
+    room = Room(integer("max_states", max_states), integer("max_jumps", max_jumps), fields)
     require("max_states", room.num_states, room.num_states >= 2, "a path has two states at least.")
-    require("max_jumps", room.num_jumps, room.num_jumps >= 1, "leave room for one.")
+    require("max_jumps", room.num_events, room.num_events >= 1, "leave room for one.")
     warn_if_coarse(contact, FOR_JUMPS)
     load.warn_if_soft(contact.solid)
     problem = posed(contact, load)
@@ -178,23 +180,23 @@ def _with_derivatives(path: Path, inputs: tuple[Contact, Load], others: tuple) -
 def _known_path(fields: bool, load_path: LoadPath, start: Field) -> Path:
     """Return the path to the end, or until interrupted."""
     load = load_path.load
-    recording = PathRecording(load_path, fields)
+    recording: Recording[Progress, PathPoint, Jump] = Recording(fields)
     was_interrupted = False
     try:
-        step_to_end(load_path, start, lambda _: recording)
+        step_to_end(load_path, start, lambda _: recording, partial(with_jump, load_path))
     except early_ends():
-        if recording.last is None:
+        if recording.search is None:
             raise
         was_interrupted = True
-    is_cut = not recording.is_complete
-    result = recording.last.result
+    progress = recording.search
+    is_cut = bool(progress.is_open(load))
+    result = progress.result
     if is_cut:
         result = RESULTS.interrupted
-    # The last end of a branch may not be located yet, which takes seconds.
     with interrupts_held() as held:
-        path = path_of(recording, result)
+        path = path_of(load_path, recording, result)
     if is_cut:
-        part = 100 * fraction_done(load, recording.last)
+        part = 100 * progress.fraction_done(load)
         warn(f"The path was interrupted at {part:.0f} %.", PathInterrupted)
     elif was_interrupted or held:
         warn("The path was interrupted after its last step; it is complete.", PathInterrupted)

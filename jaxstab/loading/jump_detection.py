@@ -12,6 +12,7 @@ from dataclasses import replace
 
 import equinox as eqx
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Int
 
 from jaxstab.branches.branch_steps import FARTHER
@@ -21,10 +22,11 @@ from jaxstab.core.control_flow import choose
 from jaxstab.core.results import RESULTS
 from jaxstab.core.types import Flag, Scalar
 from jaxstab.equilibrium import Equilibrium
+from jaxstab.loading.event import Event
 from jaxstab.loading.load_path import LoadPath, Start
-from jaxstab.loading.record import Event, Record
 from jaxstab.loads import Load
 from jaxstab.states.point import PathPoint, point_of
+from jaxstab.states.record import Record
 
 # How much of the smallest loss the curvature of F may take from the work on a step.
 _MAX_CURVATURE = 4
@@ -83,6 +85,13 @@ class Progress(eqx.Module):
         # NumPy compiles nothing.
         is_before_end = concrete(self.leg) < load.value.size - 1
         return is_before_end & concrete(self.result == RESULTS.successful)
+
+    def fraction_done(self, load: Load) -> float:
+        """Return the fraction of a load path that is done, outside of a trace."""
+        turns, leg, here = (concrete(x) for x in (load.value, self.leg, self.here.value))
+        lengths = np.abs(np.diff(turns))
+        done = lengths[:leg].sum() + abs(here - turns[leg])
+        return float(done / lengths.sum())
 
 
 class TrialStep(eqx.Module):
@@ -268,7 +277,7 @@ def apply_step(
         is_pulled=outcome.is_pulled,
         is_touch=outcome.is_touch,
     )
-    return after, Record(here, is_state, event, is_event, after.leg, after.result)
+    return after, Record(here, is_state, event, is_event)
 
 
 def _bisected(

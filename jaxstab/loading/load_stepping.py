@@ -5,7 +5,6 @@ from dataclasses import replace
 from typing import Protocol, Self, TypeVar
 
 import jax.numpy as jnp
-import numpy as np
 
 from jaxstab.core.checks import concrete
 from jaxstab.core.compile import program
@@ -14,6 +13,7 @@ from jaxstab.core.progress import advance_to
 from jaxstab.core.results import RESULTS
 from jaxstab.core.types import Field, Flag
 from jaxstab.equilibrium import Equilibrium
+from jaxstab.loading.event import no_event
 from jaxstab.loading.jump_detection import (
     Bisection,
     Progress,
@@ -21,51 +21,59 @@ from jaxstab.loading.jump_detection import (
     next_step,
 )
 from jaxstab.loading.load_path import LoadPath, Start
-from jaxstab.loading.record import Event, Record
-from jaxstab.loads import Load
 from jaxstab.states.point import point_of
+from jaxstab.states.record import Record
 
 
-class _Records(Protocol):
+class _Store(Protocol):
     @property
     def is_full(self) -> Flag | bool: ...
-    def append(self, record: Record) -> Self: ...
+    def append(self, search: Progress, record: Record, /) -> Self: ...
 
 
-Records = TypeVar("Records", bound=_Records)
+Store = TypeVar("Store", bound=_Store)
+
+
+def _unchanged(record: Record) -> Record:
+    return record
 
 
 def step_to_end(
-    load_path: LoadPath, start: Field, empty: Callable[[Record], Records]
-) -> tuple[Progress, Records]:
-    """Return the progress at the end of a load path, or where the records are full, and these.
+    load_path: LoadPath,
+    start: Field,
+    empty: Callable[[Record], Store],
+    explain: Callable[[Record], Record] = _unchanged,
+) -> tuple[Progress, Store]:
+    """Return the progress at the end of a load path, or where the store is full, and the store.
 
     1. Find the first equilibrium, from a gap if one is given.
     2. Predict the next state, and find the equilibrium at its load.
-    3. Judge the step to it, and append what it has recorded.
+    3. Judge the step to it.
+    4. Explain its jump, if it has located one, and append what it has recorded.
 
     Arguments:
         load_path: the load path.
         start: a gap to start from, or None.
-        empty: returns empty records for records like one.
+        empty: returns an empty store for records like one.
+        explain: returns what to append of the record of a step; by default the record.
     """
     first = _first_start(load_path, start).equilibrium(load_path.contact)
     progress, record = _first_state(load_path, first)
-    records = empty(record).append(record)
+    store = empty(record).append(progress, record)
 
-    def goes_on(state: tuple[Progress, Records]) -> Flag:
-        progress, records = state
-        return progress.is_open(load_path.load) & ~concrete(records.is_full)
+    def goes_on(state: tuple[Progress, Store]) -> Flag:
+        progress, store = state
+        return progress.is_open(load_path.load) & ~concrete(store.is_full)
 
-    def step(state: tuple[Progress, Records]) -> tuple[Progress, Records]:
-        progress, records = state
+    def step(state: tuple[Progress, Store]) -> tuple[Progress, Store]:
+        progress, store = state
         trial = next_step(load_path, progress)
         found = trial.start.equilibrium(load_path.contact)
         progress, record = apply_step(load_path, progress, trial, found)
-        advance_to(lambda: int(100 * fraction_done(load_path.load, record)))
-        return progress, records.append(record)
+        advance_to(lambda: int(100 * progress.fraction_done(load_path.load)))
+        return progress, store.append(progress, explain(record))
 
-    return while_loop(goes_on, step, (progress, records))
+    return while_loop(goes_on, step, (progress, store))
 
 
 @program
@@ -101,22 +109,4 @@ def _first_state(load_path: LoadPath, found: Equilibrium) -> tuple[Progress, Rec
         last_state=none,
         result=result,
     )
-    nothing = Event(
-        before=here,
-        after=here,
-        ahead=zero,
-        dissipation=zero,
-        state=none,
-        is_jump=no,
-        is_pulled=no,
-        is_touch=no,
-    )
-    return progress, Record(here, yes, nothing, no, none, result)
-
-
-def fraction_done(load: Load, record: Record) -> float:
-    """Return the fraction of the load path that is done, outside of a trace."""
-    turns, leg, here = (concrete(x) for x in (load.value, record.leg, record.point.value))
-    lengths = np.abs(np.diff(turns))
-    done = lengths[:leg].sum() + abs(here - turns[leg])
-    return float(done / lengths.sum())
+    return progress, Record(here, yes, no_event(here), no)

@@ -15,19 +15,23 @@ from jaxstab.contact.resolution import FOR_JUMPS, warned_once
 from jaxstab.core.accuracy import EQUILIBRIUM
 from jaxstab.core.checks import scalar_parameter
 from jaxstab.core.compile import in_pieces, own_conventions, program
+from jaxstab.core.control_flow import cond
 from jaxstab.core.grid import mean
 from jaxstab.core.progress import progress_bar
 from jaxstab.core.results import RESULTS
-from jaxstab.core.types import ArrayLike, Field, Scalar
+from jaxstab.core.stack import nothing_like
+from jaxstab.core.types import ArrayLike, Field, Flag, Scalar
 from jaxstab.equilibrium import Equilibrium, equilibrate
 from jaxstab.equilibrium.equilibrium import single_start
 from jaxstab.equilibrium.posing import finished, posed, posed_gap
 from jaxstab.equilibrium.start import Initial, given_gap
+from jaxstab.loading.event import Event
 from jaxstab.loading.load_path import DISTURBANCE, load_path_of
 from jaxstab.loading.load_stepping import step_to_end
-from jaxstab.loading.record import Strongest, no_jump
 from jaxstab.loads import Load, MeanPressure, Spring
 from jaxstab.potentials.profile import HARDLY_ANY
+from jaxstab.states.point import PathPoint
+from jaxstab.states.record import Record
 
 # Only the jump from the largest tension matters.
 _SMALLEST_JUMP = 1e-4
@@ -97,12 +101,56 @@ def pull_off(
     return finished(replace(end, after=after), problem, describe, throw)
 
 
+class _Strongest(eqx.Module):
+    """Of all jumps the first from the largest tension: a store that keeps no states.
+
+    Attributes:
+        event: the jump, NaN where there is none.
+        tension: the tension before it [pressure], -inf where there is none.
+    """
+
+    event: Event
+    tension: Scalar
+
+    @property
+    def is_found(self) -> Flag:
+        """Whether there is one."""
+        return self.tension > -jnp.inf
+
+    @property
+    def is_full(self) -> bool:
+        """Whether there is no room: there always is."""
+        return False
+
+    def append(self, _: object, record: Record[PathPoint, Event]) -> _Strongest:
+        """Return the stronger one of this and the jump of a step, if there is one."""
+        return cond(record.event.is_jump, lambda: self._or(record.event), lambda: self)
+
+    def _or(self, event: Event) -> _Strongest:
+        tension, is_stronger = _compared(self.tension, event.before.mean_pressure)
+        return cond(is_stronger, lambda: _Strongest(event, tension), lambda: self)
+
+
+@program
+def _no_jump(like: Record[PathPoint, Event]) -> _Strongest:
+    """Return that there is no jump as yet, of records like one, and no state after it."""
+    event = jax.tree.map(nothing_like, like.event)
+    event = replace(event, is_pulled=jnp.array(True))
+    return _Strongest(event, jnp.full_like(like.event.dissipation, -jnp.inf))
+
+
+@program
+def _compared(largest: Scalar, mean_pressure: Scalar) -> tuple[Scalar, Flag]:
+    """Return the tension of a mean pressure, and whether it is larger than another one."""
+    return -mean_pressure, -mean_pressure > largest
+
+
 @in_pieces
 def _search(contact: Contact, load: Load, start: Field) -> tuple[Limit, Equilibrium]:
     """Return the limit of the branch before the jump from the largest tension, and what remains."""
     resolution = EQUILIBRIUM[contact.heights.dtype.name]
     load_path = load_path_of(contact, load, _SMALLEST_JUMP, DISTURBANCE, resolution=resolution)
-    ended, strongest = step_to_end(load_path, start, no_jump)
+    ended, strongest = step_to_end(load_path, start, _no_jump)
     jump = strongest.event
     before = load_path.at(jump.before.value)
     limit = limit_ahead(contact, before, jump.before.gap, jump.ahead)
@@ -111,7 +159,7 @@ def _search(contact: Contact, load: Load, start: Field) -> tuple[Limit, Equilibr
 
 
 @program
-def _result(contact: Contact, ended: RESULTS, strongest: Strongest, limit: Limit) -> RESULTS:
+def _result(contact: Contact, ended: RESULTS, strongest: _Strongest, limit: Limit) -> RESULTS:
     """Return how the search ended, given how load stepping did."""
     result = RESULTS.where(strongest.is_found, limit.result, RESULTS.no_jump)
     result = RESULTS.where(ended == RESULTS.successful, result, ended)

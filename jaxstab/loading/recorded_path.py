@@ -16,111 +16,56 @@ from jaxstab.core.accuracy import rounding_of_numbers
 from jaxstab.core.checks import concrete
 from jaxstab.core.compile import in_pieces, program
 from jaxstab.core.control_flow import by_entries, cond
-from jaxstab.core.interrupts import interrupts_after
 from jaxstab.core.results import RESULTS
-from jaxstab.core.stack import first_entries, stacked
+from jaxstab.core.stack import first_entries
 from jaxstab.core.types import Field, Scalar
+from jaxstab.loading.event import Event, no_event
+from jaxstab.loading.jump_detection import Progress
 from jaxstab.loading.load_path import LoadPath
 from jaxstab.loading.load_stepping import step_to_end
 from jaxstab.loading.path import Jump, Path
-from jaxstab.loading.record import Event, PathRoom, Record
 from jaxstab.loads import Load
 from jaxstab.states.kinds import KINDS
 from jaxstab.states.point import PathPoint, states_along
+from jaxstab.states.record import Record, Recording, Room
 
 # Tables of states have multiples of this size, so that one program serves many lengths.
 _ROOM = 1024
 
 
-class PathRecording:
-    """All states and jumps of load stepping outside of a trace, appended step by step.
-
-    Attributes:
-        load_path: the load path.
-        fields: whether to keep the gaps of all states.
-        points: the states.
-        gap: of the last of them.
-        events: the jumps, as they were detected.
-        jumps: the jumps with the ends of their branches, as far as these are located.
-        last: the last record; None before the first state.
-    """
-
-    def __init__(self, load_path: LoadPath, fields: bool) -> None:
-        self.load_path = load_path
-        self.fields = fields
-        self.points: list[PathPoint] = []
-        self.gap: Any = None
-        self.events: list[Event] = []
-        self.jumps: list[Jump] = []
-        self.last: Any = None
-
-    @property
-    def is_full(self) -> bool:
-        """Whether there is no room: there always is."""
-        return False
-
-    @property
-    def is_complete(self) -> bool:
-        """Whether load stepping has come to its end."""
-        is_over = int(self.last.leg) == self.load_path.load.value.size - 1
-        return is_over or bool(self.last.result != RESULTS.successful)
-
-    def append(self, record: Record) -> "PathRecording":
-        """Append what a step has recorded, all of it or, where it is interrupted, nothing."""
-        point = record.point
-        is_state = bool(record.is_state)
-        is_event = bool(record.is_event)
-        # Gaps of all states have their place in the memory of the host, unless they are sharded.
-        gap = np.zeros(0, point.gap.dtype)
-        if self.fields:
-            gap = concrete(point.gap)
-        kept = replace(point, gap=gap)
-        with interrupts_after():
-            if is_state:
-                self.points.append(kept)
-                self.gap = point.gap
-            if is_event:
-                self.events.append(record.event)
-            self.last = record
-        self.locate_ends()
-        return self
-
-    def locate_ends(self) -> None:
-        """Locate the ends of the branches at the jumps since the last time."""
-        for event in self.events[len(self.jumps) :]:
-            jump = _jump(self.load_path.contact, self.load_path.load, event)
-            self.jumps.append(jax.block_until_ready(jump))
+def with_jump(load_path: LoadPath, record: Record) -> Record:
+    """Return the record of a step, its event as a `Jump`; known outside of a trace."""
+    if not record.is_event:
+        return record
+    jump = _jump(load_path.contact, load_path.load, record.event)
+    return replace(record, event=jax.block_until_ready(jump))
 
 
 @program
 @by_entries
-def path_with_room(room: PathRoom, load_path: LoadPath, start: Field) -> Path:
+def path_with_room(room: Room, load_path: LoadPath, start: Field) -> Path:
     """Return the path of a contact along a load path, within a program.
 
-    Only the first entries are of states, and of jumps, as many as it has recorded.
+    Only the first entries are of states, and of jumps, as many as it has recorded. The jumps are
+    explained at the end: in the loop a batch would do so at each step of each path.
     """
     contact = load_path.contact
     load = load_path.load
     ended, tables = step_to_end(load_path, start, room)
     is_short = ended.is_open(load)
     result = RESULTS.where(is_short, RESULTS.store_full, ended.result)
-    path = _path(load_path, ended.here, tables.gap, result, tables.states.rows)
-    return replace(path, jumps=jax.lax.map(partial(_jump, contact, load), tables.jumps.rows))
+    path = _path(load_path, ended.here, tables.last.gap, result, tables.states.rows)
+    return replace(path, jumps=jax.lax.map(partial(_jump, contact, load), tables.events.rows))
 
 
-def path_of(record: PathRecording, result: RESULTS) -> Path:
+def path_of(
+    load_path: LoadPath, recording: Recording[Progress, PathPoint, Jump], result: RESULTS
+) -> Path:
     """Return the path of a recording, and how it ended."""
-    contact = record.load_path.contact
-    load = record.load_path.load
-    number = len(record.points)
-    record.locate_ends()
-    jumps = record.jumps
-    last = record.last
-    if jumps:
-        like = jumps[0]
-    else:
-        like = jax.eval_shape(_jump, contact, load, last.event)
-    points = stacked(record.points, record.points[0])
+    progress = recording.search
+    number = len(recording.states)
+    like = jax.eval_shape(_jump, load_path.contact, load_path.load, no_event(progress.here))
+    points, jumps = recording.rows(like)
     room = _ROOM * max(-(-number // _ROOM), 1)
 
     def in_room(rows: Array) -> np.ndarray:
@@ -132,13 +77,13 @@ def path_of(record: PathRecording, result: RESULTS) -> Path:
         return np.concatenate([known, rest])
 
     along = jax.tree.map(in_room, points)
-    path = _path(record.load_path, last.point, record.gap, result, along)
+    path = _path(load_path, progress.here, recording.last.gap, result, along)
     load, states = (first_entries(part, number) for part in (path.load, path.equilibrium))
     gaps = None
-    if record.fields:
+    if recording.fields:
         gaps = points.gap
     states = replace(states, gap=gaps)
-    return replace(path, load=load, equilibrium=states, jumps=stacked(jumps, like))
+    return replace(path, load=load, equilibrium=states, jumps=jumps)
 
 
 @in_pieces

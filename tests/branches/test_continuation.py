@@ -59,14 +59,14 @@ def test_it_goes_on_from_an_unstable_state_of_a_branch(hertz, branch):
 
 @pytest.mark.usefixtures("interruptible")
 def test_an_interrupted_branch_keeps_the_turn_of_its_last_state(hertz, branch, monkeypatch):
-    module = importlib.import_module("jaxstab.branches.branch_record")
+    module = importlib.import_module("jaxstab.branches.continuation")
     count, number = itertools.count(1), int(branch.turns.state[0])
 
     def interrupted(_):
         if next(count) == number:
             signal.raise_signal(signal.SIGINT)
 
-    monkeypatch.setattr(module, "advance_if_known", interrupted)
+    monkeypatch.setattr(module, "advance_to", interrupted)
     with pytest.warns(js.exceptions.PathInterrupted, match=f"after {number + 1} states"):
         found = js.continuation(hertz, js.MeanDisplacement(jnp.array([1.6, 1.0])), max_states=24)
     assert found.result == "interrupted" and len(found) == number + 1
@@ -75,14 +75,14 @@ def test_an_interrupted_branch_keeps_the_turn_of_its_last_state(hertz, branch, m
 
 @pytest.mark.usefixtures("interruptible")
 def test_an_interrupt_before_the_last_state_is_kept_leaves_no_end_of_it(hertz, monkeypatch):
-    module = importlib.import_module("jaxstab.branches.branch_record")
+    module = importlib.import_module("jaxstab.states.record")
     load = js.MeanDisplacement(jnp.array([1.6, 1.55]))
     whole = js.continuation(hertz, load, max_states=24)
     assert whole.end == "load"
     steps, after = itertools.count(1), module.interrupts_after
 
     def interrupted():
-        if next(steps) == len(whole) - 1:
+        if next(steps) == len(whole):
             signal.raise_signal(signal.SIGINT)
         return after()
 

@@ -1,0 +1,81 @@
+"""The jumps and touches that load stepping detects."""
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Int
+
+from jaxstab.contact import Contact
+from jaxstab.core.compile import program
+from jaxstab.core.control_flow import cond
+from jaxstab.core.types import Field, Flag, Scalar
+from jaxstab.equilibrium import Equilibrium
+from jaxstab.equilibrium.equilibrium import detached_where, state_at
+from jaxstab.loads import Load
+from jaxstab.states.point import PathPoint
+
+
+class Event(eqx.Module):
+    """A jump along a load path, or a touch of surfaces that were apart.
+
+    An empty row of a table is neither.
+
+    Attributes:
+        before: the state before.
+        after: the state after it, at the next load.
+        ahead: how far ahead that load lies, with its sign.
+        dissipation: the energy lost [energy]; NaN where surfaces fall apart or touch.
+        state: the number of the state before, among those recorded.
+        is_jump: whether it is a jump, from the end of a branch.
+        is_pulled: whether the surfaces fall apart in the jump.
+        is_touch: whether it is a touch.
+    """
+
+    before: PathPoint
+    after: PathPoint
+    ahead: Scalar
+    dissipation: Scalar
+    state: Int[Array, ""]
+    is_jump: Flag
+    is_pulled: Flag
+    is_touch: Flag
+
+    def equilibrium_before(self, contact: Contact, load: Load) -> Equilibrium:
+        """Return the equilibrium before it, given the load at any value."""
+        return _equilibrium_unless(self.is_touch, contact, load, self.before)
+
+    def equilibrium_after(self, contact: Contact, load: Load) -> Equilibrium:
+        """Return the equilibrium after it, given the load at any value."""
+        return _equilibrium_unless(self.is_pulled, contact, load, self.after)
+
+
+def no_event(here: PathPoint) -> Event:
+    """Return an event at a state that is neither a jump nor a touch."""
+    zero = jnp.zeros_like(here.value)
+    no = jnp.array(False)
+    return Event(
+        before=here,
+        after=here,
+        ahead=zero,
+        dissipation=zero,
+        state=jnp.array(0),
+        is_jump=no,
+        is_pulled=no,
+        is_touch=no,
+    )
+
+
+def _equilibrium_unless(
+    is_apart: Flag, contact: Contact, load: Load, point: PathPoint
+) -> Equilibrium:
+    """Return the equilibrium of a point; where surfaces are apart there is none."""
+    load = load.at(point.value)
+    return cond(
+        is_apart,
+        lambda: _none(contact, load, point.gap),
+        lambda: state_at(contact, load, point.gap),
+    )
+
+
+@program
+def _none(contact: Contact, load: Load, gap: Field) -> Equilibrium:
+    return detached_where(jnp.array(True), state_at(contact, load, gap))
