@@ -31,7 +31,7 @@ from jaxstab.branches.corrector import (
     correct,
     on_plane,
 )
-from jaxstab.branches.curve import ContinuationProblem, Place, Point
+from jaxstab.branches.curve import BorderedVector, ContinuationProblem, Place
 from jaxstab.branches.events import (
     ActiveSetChanges,
     Beyond,
@@ -118,7 +118,7 @@ class TurnInStep(eqx.Module):
     """
 
     is_there: Flag
-    at: Point
+    at: BorderedVector
     kind: KINDS
     mode: Field
 
@@ -144,9 +144,9 @@ class _Target(eqx.Module):
     is_change: Flag
     opens: Flag
     follows: Flag
-    predicted: Point
-    start: Point
-    row: Point
+    predicted: BorderedVector
+    start: BorderedVector
+    row: BorderedVector
     condition: Condition
     close: Scalar
 
@@ -324,7 +324,7 @@ def _target_of(problem: ContinuationProblem, step: ArclengthStep) -> _Target:
     predicted = old.at.plus(old.tangent, reach)
     least = jnp.where(curve.contact.has_core, old.at.gap / 5, -jnp.inf)
     least = jnp.where(follows, jnp.maximum(least, 0), least)
-    start = Point(jnp.maximum(predicted.gap, least), predicted.pressure)
+    start = BorderedVector(jnp.maximum(predicted.gap, least), predicted.pressure)
     close = jnp.where(is_change, *jnp.array([EXACT[dtype.name], AT_STATES[dtype.name]], dtype))
     return _Target(
         changes, reach, is_change, opens, follows, predicted, start, row, condition, close
@@ -515,7 +515,7 @@ class _Crossing(eqx.Module):
 
     is_there: Flag
     agrees: Flag
-    start: Point
+    start: BorderedVector
     condition: Condition
     mode: Field
 

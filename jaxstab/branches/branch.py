@@ -13,7 +13,7 @@ from jaxstab.core.units import NUMBER
 from jaxstab.equilibrium import Equilibrium
 from jaxstab.loads import Load
 from jaxstab.states.columns import load_column, state_columns
-from jaxstab.states.kinds import KINDS
+from jaxstab.states.kinds import ENDS, KINDS
 from jaxstab.states.sequence import StateSequence
 
 
@@ -51,13 +51,13 @@ class Branch(StateSequence):
             -1 that it was not found.
         turns: where the load turns back, and where another branch crosses at a bifurcation, in
             order.
-        end: a member of `KINDS`: why the branch ends there.
+        end: a member of `ENDS`: why the branch ends there.
         result: how the search ended.
     """
 
     index: Int[Array, " states"]
     turns: Turn
-    end: KINDS
+    end: ENDS
     result: RESULTS
     _of_states: ClassVar[tuple[str, ...]] = (*StateSequence._of_states, "index")
     _of_events: ClassVar[str] = "turns"
@@ -70,7 +70,7 @@ class Branch(StateSequence):
         if np.any(index < 0):
             parts.append(f"{np.sum(index < 0)} of unknown index")
         parts.append(several(len(branch.turns), "turn"))
-        end = str(KINDS[branch.end]).split(": ", 1)[1]
+        end = str(ENDS[branch.end]).split(": ", 1)[1]
         lines = [f"Branch: {', '.join(parts)}; ends {end}; {branch.result.name}"]
         if len(branch.turns):
             lines.append(display.table(_turns(branch.turns)))

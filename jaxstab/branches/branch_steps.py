@@ -17,7 +17,7 @@ from jaxstab.branches.corrector import (
     directed,
     on_plane,
 )
-from jaxstab.branches.curve import ContinuationProblem, Curve, Place, Point
+from jaxstab.branches.curve import BorderedVector, ContinuationProblem, Curve, Place
 from jaxstab.branches.morse_index import index_of, no_modes
 from jaxstab.contact import Contact
 from jaxstab.contact.hessian import Block
@@ -30,7 +30,7 @@ from jaxstab.core.types import Field, Flag, Scalar
 from jaxstab.equilibrium import Equilibrium
 from jaxstab.equilibrium.equilibrium import state_at
 from jaxstab.loads import Load, require_loads, require_same_machine
-from jaxstab.states.kinds import KINDS
+from jaxstab.states.kinds import ENDS, KINDS
 from jaxstab.states.point import PathPoint, point_of
 
 # The longest step over the distance between the loads, and over the size of a state near a limit;
@@ -49,20 +49,20 @@ class BranchState(eqx.Module):
         step: the last step.
         start: where the branch began.
         count: the number of its states.
-        end: why it is followed no more, `KINDS.states` while it is.
+        end: why it is followed no more, `ENDS.states` while it is.
         result: the result of the first equilibrium.
     """
 
     step: ArclengthStep
     start: Place
     count: Int[Array, ""]
-    end: KINDS
+    end: ENDS
     result: RESULTS
 
     @property
     def is_on(self) -> Flag:
         """Whether it goes on."""
-        return (self.end == KINDS.states) & (self.result == RESULTS.successful)
+        return (self.end == ENDS.states) & (self.result == RESULTS.successful)
 
 
 class Entry(eqx.Module):
@@ -110,16 +110,16 @@ def begin(
 @program
 def _start(
     contact: Contact, loads: Load, found: Equilibrium
-) -> tuple[Curve, Undirected, Point, Block]:
+) -> tuple[Curve, Undirected, BorderedVector, Block]:
     """Return the curve, the first point of a branch, and that no direction and modes are known."""
     gap = found.gap
     load = loads[0]
-    at = Point(gap, pressure_of(contact, load, gap))
+    at = BorderedVector(gap, pressure_of(contact, load, gap))
     curve = Curve.of(contact, load)
     row = curve.load_gradient
     value, last = loads.value.astype(gap.dtype)
     span = last - value
-    ahead = Point(jnp.sign(span) * row.gap, jnp.sign(span) * row.pressure)
+    ahead = BorderedVector(jnp.sign(span) * row.gap, jnp.sign(span) * row.pressure)
     condition = on_plane(row, value - curve.load_offset, jnp.abs(span))
     first = Undirected(at, gap > 0, condition, ahead)
     return curve, first, jax.tree.map(jnp.zeros_like, at), no_modes(gap)
@@ -171,7 +171,7 @@ def branch_from(
         is_new=array(True),
         is_found=array(True),
     )
-    return BranchState(step, here, array(1), KINDS.states, result)
+    return BranchState(step, here, array(1), ENDS.states, result)
 
 
 def pressure_of(contact: Contact, load: Load, gap: Field) -> Scalar:
@@ -190,21 +190,21 @@ def next_state(problem: ContinuationProblem, branch: BranchState) -> BranchState
 @program
 def _after(
     problem: ContinuationProblem, branch: BranchState, step: ArclengthStep
-) -> tuple[Int[Array, ""], KINDS]:
+) -> tuple[Int[Array, ""], ENDS]:
     """Return the number of states of a branch after a step, and why it goes on no more."""
     # No step is long enough if the loads are equal or not finite, which under JAX nothing refuses.
     no_more = ~(step.length > problem.min_step)
-    unclear = KINDS.where(step.is_found, KINDS.uncertain, KINDS.lost)
-    end = KINDS.where(no_more & ~step.is_new & ~step.lands, unclear, KINDS.states)
+    unclear = ENDS.where(step.is_found, ENDS.uncertain, ENDS.lost)
+    end = ENDS.where(no_more & ~step.is_new & ~step.lands, unclear, ENDS.states)
     # In full contact a load that holds the gap stays where it is, whatever the pressure.
     is_stuck = ~jnp.any(step.here.is_free) & (problem.curve.load_gradient.pressure == 0)
-    end = KINDS.where(is_stuck, KINDS.full_contact, end)
+    end = ENDS.where(is_stuck, ENDS.full_contact, end)
     # Unless the last load comes before.
     is_before = (problem.last - problem.curve.value(step.here.at)) * problem.last >= 0
-    end = KINDS.where(goes_apart(problem.curve, step) & is_before, KINDS.separated, end)
+    end = ENDS.where(goes_apart(problem.curve, step) & is_before, ENDS.separated, end)
     is_loop = step.is_new & closes_loop(problem.curve, branch, step.here.at)
-    end = KINDS.where(is_loop, KINDS.loop, end)
-    end = KINDS.where(step.is_there, KINDS.load, end)
+    end = ENDS.where(is_loop, ENDS.loop, end)
+    end = ENDS.where(step.is_there, ENDS.load, end)
     return branch.count + step.is_new, end
 
 
@@ -215,7 +215,7 @@ def goes_apart(curve: Curve, step: ArclengthStep) -> Flag:
     return step.is_new & is_far & (jnp.mean(here.tangent.gap) > 0)
 
 
-def closes_loop(curve: Curve, branch: BranchState, at: Point) -> Flag:
+def closes_loop(curve: Curve, branch: BranchState, at: BorderedVector) -> Flag:
     """Return whether the last step has come back to where the branch began."""
     row = curve.gradient_of(branch.start.tangent)
     before = row.times(branch.step.here.at.minus(branch.start.at))
@@ -232,7 +232,7 @@ def entry_of(problem: ContinuationProblem, branch: BranchState) -> tuple[Entry, 
     load = problem.curve.load
     step = branch.step
 
-    def state(at: Point) -> Equilibrium:
+    def state(at: BorderedVector) -> Equilibrium:
         return state_at(contact, load.at(problem.curve.value(at)), at.gap)
 
     here = step.here

@@ -52,7 +52,7 @@ from jaxstab.equilibrium.equilibrium import State
 from jaxstab.equilibrium.posing import finished, posed
 from jaxstab.equilibrium.start import start_of
 from jaxstab.loads import Load
-from jaxstab.states.kinds import KINDS
+from jaxstab.states.kinds import ENDS
 from jaxstab.states.point import states_along
 from jaxstab.states.record import Record, Recording, Room, Tables
 from jaxstab.states.sequence import PathInterrupted
@@ -197,7 +197,7 @@ def _follow(
         record = _record_of(problem, branch)
         is_known = partial(is_same, problem, record.event)
         is_loop = cond(record.is_event, lambda: store.has_event(is_known), lambda: False)
-        end = cond(is_loop, lambda: KINDS.loop, lambda: branch.end)
+        end = cond(is_loop, lambda: ENDS.loop, lambda: branch.end)
         branch = replace(branch, end=end)
         store = store.append(branch, record)
         advance_to(lambda: int(branch.count))
@@ -245,7 +245,7 @@ def _branch_with_room(room: Room, *inputs: PyTree) -> Branch:
 def _branch(
     problem: ContinuationProblem, branch: BranchState, entries: Entry, turns: Turn
 ) -> Branch:
-    is_unclear = (branch.end == KINDS.lost) | (branch.end == KINDS.uncertain)
+    is_unclear = (branch.end == ENDS.lost) | (branch.end == ENDS.uncertain)
     result = RESULTS.where(is_unclear, RESULTS.lost_branch, branch.result)
     load, states = states_along(problem.curve.contact, problem.curve.load, entries.point)
     return Branch(load, states, entries.index, turns, branch.end, result)
@@ -258,6 +258,6 @@ def _describe(load: Load, branch: Branch) -> str:
     if math.isnan(last):
         last = float(load.value[0])
     sentence = f"The branch ended at {type(load).__name__}({last:.6g}) after {number}"
-    if branch.end != KINDS.states:
-        sentence += f", {KINDS[branch.end]}"
+    if branch.end != ENDS.states:
+        sentence += f", {ENDS[branch.end]}"
     return sentence

@@ -14,7 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Int
 
-from jaxstab.branches.curve import Curve, Forces, Place, Point
+from jaxstab.branches.curve import BorderedVector, Curve, Forces, Place
 from jaxstab.contact.hessian import Hessian
 from jaxstab.core import model
 from jaxstab.core.accuracy import ALONG_CURVES, EQUILIBRIUM, EXACT, NEWTON_STEP
@@ -46,26 +46,26 @@ class Condition(eqx.Module):
         scale: by which the error is divided.
     """
 
-    row: Point
+    row: BorderedVector
     weights: Field
     value: Scalar
     scale: Scalar
 
-    def error(self, at: Point, forces: Forces) -> Scalar:
+    def error(self, at: BorderedVector, forces: Forces) -> Scalar:
         """Return the error at a point, over the scale."""
         found = self.row.times(at) + total(self.weights * forces.net)
         return (found - self.value) / self.scale
 
-    def gradient(self, curve: Curve, forces: Forces) -> Point:
+    def gradient(self, curve: Curve, forces: Forces) -> BorderedVector:
         """Return the gradient of that."""
         pulled = Hessian(curve.contact.solid, forces.curvature)(self.weights)
         gap = self.row.gap + pulled
         pressed = model.pressed(self.weights, curve.contact.solid.punch)
         pressure = self.row.pressure + total(pressed)
-        return Point(gap / self.scale, pressure / self.scale)
+        return BorderedVector(gap / self.scale, pressure / self.scale)
 
 
-def on_plane(row: Point, value: Scalar, scale: Scalar) -> Condition:
+def on_plane(row: BorderedVector, value: Scalar, scale: Scalar) -> Condition:
     """Return the condition that a linear function of gap and pressure has a value."""
     return Condition(row, jnp.zeros_like(row.gap), value, scale)
 
@@ -74,7 +74,7 @@ def at_change(curve: Curve, point: Mask, opens: Flag, scale: Scalar) -> Conditio
     """Return the condition that a point has lost its reaction, or its gap; scale is a length."""
     one = point.astype(curve.contact.heights.dtype)
     zero = jnp.zeros((), one.dtype)
-    row = Point(jnp.where(opens, 0, one), zero)
+    row = BorderedVector(jnp.where(opens, 0, one), zero)
     weights = jnp.where(opens, one / curve.contact.solid.max_stiffness, 0)
     return Condition(row, weights, zero, scale)
 
@@ -94,15 +94,15 @@ class CorrectorProblem(eqx.Module):
     is_free: Mask
     follows: Flag | bool = False
 
-    def forces(self, point: Point) -> Forces:
+    def forces(self, point: BorderedVector) -> Forces:
         """Return the pressures at a point."""
         return self.curve.forces(point, self.free_points(point))
 
-    def free_points(self, point: Point) -> Mask:
+    def free_points(self, point: BorderedVector) -> Mask:
         """Return the free points where a point is met."""
         return jnp.where(self.follows, point.gap > 0, self.is_free)
 
-    def residual(self, point: Point, forces: Forces) -> tuple[Scalar, Scalar]:
+    def residual(self, point: BorderedVector, forces: Forces) -> tuple[Scalar, Scalar]:
         """Return the relative imbalance of pressures, and the error of the condition."""
         net = jnp.where(self.is_free, forces.net, 0)
         net = jnp.where(self.follows, model.imbalance(forces.net, point.gap), net)
@@ -131,9 +131,9 @@ class CorrectorOutcome(eqx.Module):
 
 def correct(
     problem: CorrectorProblem,
-    start: Point,
-    ahead: Point,
-    near: Point,
+    start: BorderedVector,
+    ahead: BorderedVector,
+    near: BorderedVector,
     close: Scalar | float,
     fine: Scalar | float | None = None,
 ) -> CorrectorOutcome:
@@ -164,13 +164,13 @@ class Undirected(eqx.Module):
         ahead: the gradient of a linear function that grows along the direction.
     """
 
-    at: Point
+    at: BorderedVector
     is_free: Mask
     condition: Condition
-    ahead: Point
+    ahead: BorderedVector
 
 
-def directed(curve: Curve, point: Undirected, near: Point) -> Place:
+def directed(curve: Curve, point: Undirected, near: BorderedVector) -> Place:
     """Return a point of a curve with the direction there.
 
     Sought from another direction nearby, or from zero, by the last step of the corrector.
@@ -182,7 +182,12 @@ def directed(curve: Curve, point: Undirected, near: Point) -> Place:
 
 @program
 def _newton(
-    problem: CorrectorProblem, start: Point, ahead: Point, near: Point, close: Scalar, fine: Scalar
+    problem: CorrectorProblem,
+    start: BorderedVector,
+    ahead: BorderedVector,
+    near: BorderedVector,
+    close: Scalar,
+    fine: Scalar,
 ) -> CorrectorOutcome:
     curve = problem.curve
     dtype = start.gap.dtype
@@ -210,14 +215,14 @@ def _newton(
             forces.curvature,
             is_free,
             choose(is_found, ahead, problem.condition.gradient(curve, forces)),
-            choose(is_found, rest, Point(-forces.net, -error)),
+            choose(is_found, rest, BorderedVector(-forces.net, -error)),
             jnp.where(is_found, fine, NEWTON_STEP),
             jnp.where(is_found, curve.length(direction), 0),
         )
         least = jnp.where(follows, 0, -jnp.inf)
         least = jnp.where(curve.contact.has_core, _LEAST_SHARE * at.gap, least)
         gap = jnp.where(is_free, jnp.maximum(at.gap + change.gap, least), 0)
-        at = choose(is_found, at, Point(gap, at.pressure + change.pressure))
+        at = choose(is_found, at, BorderedVector(gap, at.pressure + change.pressure))
         tangent = choose(is_found, curve.unit(direction.plus(change)), near)
         place = Place(at, problem.free_points(at), tangent)
         found = CorrectorOutcome(place, forces, residual, old.num_steps + ~is_found, is_found)

@@ -23,25 +23,27 @@ from jaxstab.potentials.profile import HARDLY_ANY
 _MAX_RESTARTS = 10
 
 
-class Point(eqx.Module):
-    """A gap and a mean pressure, or a change of both."""
+class BorderedVector(eqx.Module):
+    """A gap and a mean pressure; a change or a gradient of both; a right-hand side for both."""
 
     gap: Field
     pressure: Scalar
 
-    def plus(self, change: "Point", length: Scalar | float = 1.0) -> "Point":
+    def plus(self, change: "BorderedVector", length: Scalar | float = 1.0) -> "BorderedVector":
         """Return the point after so much of a change."""
-        return Point(self.gap + length * change.gap, self.pressure + length * change.pressure)
+        return BorderedVector(
+            self.gap + length * change.gap, self.pressure + length * change.pressure
+        )
 
-    def scaled(self, factor: Scalar | float) -> "Point":
+    def scaled(self, factor: Scalar | float) -> "BorderedVector":
         """Return so much of a change."""
-        return Point(factor * self.gap, factor * self.pressure)
+        return BorderedVector(factor * self.gap, factor * self.pressure)
 
-    def minus(self, other: "Point") -> "Point":
+    def minus(self, other: "BorderedVector") -> "BorderedVector":
         """Return the change from another point."""
-        return Point(self.gap - other.gap, self.pressure - other.pressure)
+        return BorderedVector(self.gap - other.gap, self.pressure - other.pressure)
 
-    def times(self, other: "Point") -> Scalar:
+    def times(self, other: "BorderedVector") -> Scalar:
         """Return the sum of products of two changes, or of a gradient and a change."""
         return total(self.gap * other.gap) + self.pressure * other.pressure
 
@@ -77,7 +79,7 @@ class Curve(eqx.Module):
     load: Load
     least_scale: Scalar
     load_offset: Scalar
-    load_gradient: Point
+    load_gradient: BorderedVector
     farthest: Scalar
 
     @classmethod
@@ -97,29 +99,29 @@ class Curve(eqx.Module):
         """The pressure that counts as much as a unit of length [pressure/length]."""
         return self.contact.solid.min_stiffness
 
-    def gradient_of(self, change: Point) -> Point:
+    def gradient_of(self, change: BorderedVector) -> BorderedVector:
         """Return the gradient of the product of a change with another one [length]."""
         size = change.gap.size
-        return Point(change.gap / size, change.pressure / self.stiffness**2)
+        return BorderedVector(change.gap / size, change.pressure / self.stiffness**2)
 
-    def product(self, one: Point, other: Point) -> Scalar:
+    def product(self, one: BorderedVector, other: BorderedVector) -> Scalar:
         """Return the product of two changes, of unit ones the cosine between them [length^2]."""
         pressures = (one.pressure / self.stiffness) * (other.pressure / self.stiffness)
         return mean(one.gap * other.gap) + pressures
 
-    def length(self, change: Point) -> Scalar:
+    def length(self, change: BorderedVector) -> Scalar:
         """Return the size of a change [length]."""
         return jnp.sqrt(self.product(change, change))
 
-    def value(self, at: Point) -> Scalar:
+    def value(self, at: BorderedVector) -> Scalar:
         """Return the value of the load at a point."""
         return self.load_offset + self.load_gradient.times(at)
 
-    def rate(self, tangent: Point) -> Scalar:
+    def rate(self, tangent: BorderedVector) -> Scalar:
         """Return how the value of the load changes along a tangent."""
         return self.load_gradient.times(tangent)
 
-    def forces(self, at: Point, is_free: Mask) -> Forces:
+    def forces(self, at: BorderedVector, is_free: Mask) -> Forces:
         """Return the pressures at a point with these free points."""
         solid = self.contact.solid
         gap = at.gap
@@ -131,39 +133,43 @@ class Curve(eqx.Module):
         scale = scale_of(balancing, self.least_scale, solid.max_stiffness, size)
         return Forces(pressures.gradient + pressed, pressures.curvature, scale)
 
-    def net_rate(self, curvature: Field, change: Point) -> Field:
+    def net_rate(self, curvature: Field, change: BorderedVector) -> Field:
         """Return how the net pressure follows a change where f'' is this, A dg + dp0."""
         pressed = model.pressed(change.pressure, self.contact.solid.punch)
         return Hessian(self.contact.solid, curvature)(change.gap) + pressed
 
-    def scaled(self, change: Point, is_free: Mask, ahead: Point) -> Point:
+    def scaled(
+        self, change: BorderedVector, is_free: Mask, ahead: BorderedVector
+    ) -> BorderedVector:
         """Return a change of the free points along which a linear function grows by one.
 
         It is zero if the function falls along it.
         """
-        change = Point(jnp.where(is_free, change.gap, 0), change.pressure)
+        change = BorderedVector(jnp.where(is_free, change.gap, 0), change.pressure)
         rate = ahead.times(change)
         scale = jnp.where(rate > 0, 1 / jnp.where(rate > 0, rate, 1), 0)
-        return Point(scale * change.gap, scale * change.pressure)
+        return BorderedVector(scale * change.gap, scale * change.pressure)
 
-    def residual_of(self, direction: Point, curvature: Field, ahead: Point) -> Point:
+    def residual_of(
+        self, direction: BorderedVector, curvature: Field, ahead: BorderedVector
+    ) -> BorderedVector:
         """Return how far a change is from one along the curve by which a function grows by one."""
-        return Point(-self.net_rate(curvature, direction), 1 - ahead.times(direction))
+        return BorderedVector(-self.net_rate(curvature, direction), 1 - ahead.times(direction))
 
-    def unit(self, change: Point) -> Point:
+    def unit(self, change: BorderedVector) -> BorderedVector:
         """Return a change of unit length."""
         length = self.length(change)
-        return Point(change.gap / length, change.pressure / length)
+        return BorderedVector(change.gap / length, change.pressure / length)
 
     def solution(
         self,
         curvature: Field,
         is_free: Mask,
-        row: Point,
-        right: Point,
+        row: BorderedVector,
+        right: BorderedVector,
         accuracy: Scalar | float,
         size: Scalar | float,
-    ) -> Point:
+    ) -> BorderedVector:
         """Return the change with A dg + dp0 = r on the free points and a gradient's product s.
 
         Solved by GMRES, since A need not be positive, in numbers without a unit: pressures are over
@@ -189,7 +195,7 @@ class Curve(eqx.Module):
 
         # Of all numbers the pressure and the product count as much as the gaps together.
         weight = number**0.5
-        row = Point(inside(row.gap), row.pressure * soft / weight)
+        row = BorderedVector(inside(row.gap), row.pressure * soft / weight)
         norm = jnp.sqrt(row.times(row))
         row = jax.tree.map(lambda part: part / jnp.where(norm > 0, norm, 1), row)
         uniform = inside(jnp.ones_like(row.gap)) / weight
@@ -209,13 +215,15 @@ class Curve(eqx.Module):
         along = jnp.where(along == 0, 1, along)
         by_pressure = jnp.where(is_open | (row.pressure == 0), 1, row.pressure)
 
-        def bordered(change: Point) -> Point:
+        def bordered(change: BorderedVector) -> BorderedVector:
             moved = inside(change.gap)
             pressure = inside(hessian(moved)) / soft + change.pressure * pressed
             # Points that do not move are left to the identity.
-            return Point(pressure + change.gap - moved, row.times(Point(moved, change.pressure)))
+            return BorderedVector(
+                pressure + change.gap - moved, row.times(BorderedVector(moved, change.pressure))
+            )
 
-        def precondition(right: Point) -> Point:
+        def precondition(right: BorderedVector) -> BorderedVector:
             level = total(uniform * right.gap) / share
             rest = soft * inside(inverse(inside(right.gap - level * pressed)))
             rest = rest - total(uniform * rest) / size_of_uniform * uniform
@@ -223,23 +231,25 @@ class Curve(eqx.Module):
             shift = residual / along
             # In full contact there is the pressure alone.
             pressure = jnp.where(is_open, level - stiffness * shift, residual / by_pressure)
-            return Point(rest + shift * uniform, pressure)
+            return BorderedVector(rest + shift * uniform, pressure)
 
-        wanted = Point(inside(right.gap) / soft, right.pressure / jnp.where(norm > 0, norm, 1))
+        wanted = BorderedVector(
+            inside(right.gap) / soft, right.pressure / jnp.where(norm > 0, norm, 1)
+        )
         wanted = precondition(wanted)
         residual = accuracy * jnp.maximum(jnp.sqrt(wanted.times(wanted)), weight * size)
         solution = gmres(
             lambda change: precondition(bordered(change)), wanted, residual, _MAX_RESTARTS
         )
-        return Point(inside(solution.gap), solution.pressure * soft / weight)
+        return BorderedVector(inside(solution.gap), solution.pressure * soft / weight)
 
 
 class Place(eqx.Module):
     """A point of the curve, its free points, and the direction in which the branch goes on."""
 
-    at: Point
+    at: BorderedVector
     is_free: Mask
-    tangent: Point
+    tangent: BorderedVector
 
 
 class ContinuationProblem(eqx.Module):
@@ -255,12 +265,12 @@ class ContinuationProblem(eqx.Module):
     min_step: Scalar
     to_limit: bool = eqx.field(static=True)
 
-    def is_beyond(self, at: Point) -> Flag:
+    def is_beyond(self, at: BorderedVector) -> Flag:
         """Return whether a point has reached the last load."""
         return (self.curve.value(at) - self.last) * (self.first - self.last) <= 0
 
 
-def _value_of(contact: Contact, load: Load) -> tuple[Scalar, Point]:
+def _value_of(contact: Contact, load: Load) -> tuple[Scalar, BorderedVector]:
     """Return the value of a load at no gap and no pressure, and its gradient, the same anywhere."""
     gap = jnp.ones_like(contact.heights)
     nothing = jnp.zeros((), gap.dtype)
@@ -277,5 +287,5 @@ def _value_of(contact: Contact, load: Load) -> tuple[Scalar, Point]:
     if fixes_mean:
         by_pressure = 0 * by_value
     weights = model.pressed(gap / gap.size, contact.solid.punch)
-    row = Point(-by_mean / by_value * weights, -by_pressure / by_value)
+    row = BorderedVector(-by_mean / by_value * weights, -by_pressure / by_value)
     return -error(nothing, nothing) / by_value, row

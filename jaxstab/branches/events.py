@@ -18,7 +18,7 @@ from jaxstab.branches.corrector import (
     directed,
     on_plane,
 )
-from jaxstab.branches.curve import Curve, Place, Point
+from jaxstab.branches.curve import BorderedVector, Curve, Place
 from jaxstab.core.accuracy import EQUILIBRIUM, EXACT, NEGLIGIBLE
 from jaxstab.core.checks import array
 from jaxstab.core.compile import program
@@ -117,7 +117,7 @@ def _flipped(
     # States at events are found more closely.
     vanishes = left <= 10 * EXACT[left.dtype.name] * forces.scale
     flips = changes.point | (changes.tied & vanishes & with_tied)
-    point = Point(jnp.where(flips, 0, place.at.gap), place.at.pressure)
+    point = BorderedVector(jnp.where(flips, 0, place.at.gap), place.at.pressure)
     condition = at_change(curve, changes.point, opens, jnp.ones_like(place.at.pressure))
     return Undirected(point, place.is_free ^ flips, condition, ahead), flips
 
@@ -142,7 +142,7 @@ class _SmoothStep(eqx.Module):
         steepest: the larger of the rates at its ends.
     """
 
-    row: Point
+    row: BorderedVector
     length: Scalar
     rate: Scalar
     steepest: Scalar
@@ -216,7 +216,9 @@ def _begun(curve: Curve, old: Place, new: Place) -> tuple[_SmoothStep, _Bracket]
 
 
 @program
-def _on_cubic(step: _SmoothStep, old: Place, bracket: _Bracket) -> tuple[Condition, Point, Point]:
+def _on_cubic(
+    step: _SmoothStep, old: Place, bracket: _Bracket
+) -> tuple[Condition, BorderedVector, BorderedVector]:
     """Return the plane on which to look next, and the point and the direction to start from.
 
     The point is that of the cubic: with s between 0 and 1, g = g0 + s c + s (1 - s) ((1 - s) a -

@@ -30,7 +30,7 @@ from jaxstab.branches.corrector import (
     directed,
     on_plane,
 )
-from jaxstab.branches.curve import ContinuationProblem, Curve, Place, Point
+from jaxstab.branches.curve import BorderedVector, ContinuationProblem, Curve, Place
 from jaxstab.branches.morse_index import UNKNOWN, lowest_pair, no_modes
 from jaxstab.contact import Contact
 from jaxstab.contact.hessian import Block
@@ -43,7 +43,7 @@ from jaxstab.core.results import RESULTS
 from jaxstab.core.types import Field, Flag, Mask, Scalar
 from jaxstab.loads import Load
 from jaxstab.stability.eigenpair import Eigenpair
-from jaxstab.states.kinds import KINDS
+from jaxstab.states.kinds import ENDS, KINDS
 
 _MAX_STEPS = 2000
 # The least part of a branch's direction that is along the mode of a fold.
@@ -106,9 +106,9 @@ class _Ahead(eqx.Module):
     """
 
     problem: ContinuationProblem
-    at: Point
-    row: Point
-    nothing: Point
+    at: BorderedVector
+    row: BorderedVector
+    nothing: BorderedVector
     modes: Block
 
 
@@ -153,10 +153,10 @@ def limit_ahead(contact: Contact, load: Load, gap: Field, ahead: Scalar) -> Limi
 @program
 def _ahead(contact: Contact, load: Load, gap: Field, ahead: Scalar) -> _Ahead:
     curve = Curve.of(contact, load)
-    at = Point(gap, pressure_of(contact, load, gap))
+    at = BorderedVector(gap, pressure_of(contact, load, gap))
     longest = LONGEST * curve.length(at)
     sign = jnp.sign(ahead)
-    row = Point(sign * curve.load_gradient.gap, sign * curve.load_gradient.pressure)
+    row = BorderedVector(sign * curve.load_gradient.gap, sign * curve.load_gradient.pressure)
     end = load.value + _LEEWAY * _horizon(load, gap, ahead)
     problem = ContinuationProblem(
         curve, load.value, end, longest, shortest_of(longest), to_limit=True
@@ -170,13 +170,15 @@ def _state_of(search: _Ahead, closes: Flag) -> Undirected:
     gap = search.at.gap
     least_open = gap == jnp.min(jnp.where(gap > 0, gap, jnp.inf))
     is_free = (gap > 0) & ~(least_open & closes)
-    at = Point(jnp.where(is_free, gap, 0), search.at.pressure)
+    at = BorderedVector(jnp.where(is_free, gap, 0), search.at.pressure)
     condition = on_plane(search.row, search.row.times(at), search.problem.max_step)
     return Undirected(at, is_free, condition, search.row)
 
 
 @program
-def _plane_behind(search: _Ahead, distance: Scalar, here: Place) -> tuple[Condition, Point, Point]:
+def _plane_behind(
+    search: _Ahead, distance: Scalar, here: Place
+) -> tuple[Condition, BorderedVector, BorderedVector]:
     """Return the plane behind a place, the gradient across it, and a point there.
 
     The distance is given over a usual one.
@@ -335,7 +337,7 @@ class _Seen(eqx.Module):
         opened: positive on the points that are free or released.
     """
 
-    at: Point
+    at: BorderedVector
     load: Load
     is_free: Mask
     is_release: Flag
@@ -357,7 +359,7 @@ def _seen(problem: ContinuationProblem, search: _LimitSearch) -> _Seen:
     first = jnp.arange(released.size).reshape(released.shape) == jnp.argmax(released)
     at = choose(turn.is_there, turn.at, new.here.at)
     gap = jnp.where(is_free, jnp.maximum(at.gap, 0), 0)
-    at = Point(gap, at.pressure)
+    at = BorderedVector(gap, at.pressure)
     return _Seen(
         at=at,
         load=curve.load.at(curve.value(at)),
@@ -408,7 +410,7 @@ def limit_between(
     is_between = jnp.isfinite(search.width) & (kind != KINDS.uncertain)
     is_found = search.is_past | is_between
     ended = search.after.end
-    is_unclear = (ended == KINDS.uncertain) | (ended == KINDS.lost) | search.after.is_on
+    is_unclear = (ended == ENDS.uncertain) | (ended == ENDS.lost) | search.after.is_on
     failure = RESULTS.where(is_unclear, RESULTS.lost_branch, RESULTS.no_fold)
     failure = RESULTS.where(begun == RESULTS.successful, failure, begun)
     result = RESULTS.where(jnp.isfinite(residual), RESULTS.successful, RESULTS.nonfinite)

@@ -182,6 +182,9 @@ def restored(structure: Structure, arrays: Mapping[str, np.ndarray]) -> PyTree:
     if structure is None:
         return None
     match structure:
+        case {"members": "KINDS", "array": "end"}:
+            # The ends of branches were kinds of events once.
+            return restored({"members": "ENDS", "array": "end"}, arrays)
         case {"members": str(name), "array": str(array)}:
             members = _public(f"{_PACKAGE}:{name}")
             if not (isinstance(members, type) and issubclass(members, Enumeration)):

@@ -12,10 +12,11 @@ from jaxstab.loading import Jump, Observed, Path, SealingPressure
 from jaxstab.loading.sweep import Sweep
 from jaxstab.references.taylor_test import TaylorTest
 from jaxstab.stability import Barrier, Eigenpair, Stability
-from jaxstab.states import KINDS, PathState, States
+from jaxstab.states import ENDS, KINDS, PathState, States
 from jaxstab.transitions import Detachment, Transition
 
 __all__ = [
+    "ENDS",
     "KINDS",
     "Barrier",
     "BarrierLaw",

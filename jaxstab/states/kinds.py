@@ -1,10 +1,10 @@
-"""The events along a branch of equilibria, and why it is not followed further."""
+"""The kinds of events along a branch of equilibria, and the reasons why it is not followed on."""
 
 from jaxstab.core.enumeration import Enumeration, member
 
 
 class KINDS(Enumeration):
-    """Why a stable branch ends, which events lie on it, and where a branch stops."""
+    """The events on a branch, at which a stable branch ends or the load turns back."""
 
     fold = member("the smallest eigenvalue on the free points vanishes")
     release = member("the reaction of a contact point vanishes, and opening lowers the energy")
@@ -13,6 +13,12 @@ class KINDS(Enumeration):
         "another branch crosses: an eigenvalue whose mode the load does not drive vanishes, or "
         "changes its sign where equal points detach or touch together"
     )
+    uncertain = member("the branch ends, by an event of unknown kind")
+
+
+class ENDS(Enumeration):
+    """The places where a continuation ends."""
+
     load = member("at the second load")
     loop = member("at a state that it has passed before: it is a closed loop")
     states = member("at the requested number of states")

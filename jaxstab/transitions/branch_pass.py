@@ -39,7 +39,7 @@ from jaxstab.equilibrium.equilibrium import detached_where
 from jaxstab.loading.pull_off import dead_load
 from jaxstab.loads import Load
 from jaxstab.potentials.profile import HARDLY_ANY
-from jaxstab.states.kinds import KINDS
+from jaxstab.states.kinds import ENDS
 from jaxstab.transitions.saddle import Saddle, are_apart, minima_beside, no_saddle, saddle_near
 from jaxstab.transitions.string import Landscape
 
@@ -97,7 +97,7 @@ def climbs_on_branch(
         branches = _branch(contact, load, start)
     for count, (branch, is_at_load) in enumerate(branches, 1):
         gap = branch.step.here.at.gap
-        is_apart = branch.end == KINDS.separated
+        is_apart = branch.end == ENDS.separated
         if is_apart or (is_at_load and branch.step.index == 1):
             if is_apart:
                 saddle, minima = _separation(contact, load, gap)
@@ -114,7 +114,7 @@ def climbs_on_branch(
             images = images[::2]
             stride = 2 * stride
         result = RESULTS.no_detachment
-        if branch.end == KINDS.lost or branch.end == KINDS.uncertain:
+        if branch.end == ENDS.lost or branch.end == ENDS.uncertain:
             result = RESULTS.lost_branch
     saddle = no_saddle(start.gap)
     minima = minima_beside(contact, load, saddle, start.gap)
@@ -171,7 +171,7 @@ def _branch(contact: Contact, load: Load, start: Equilibrium) -> Iterator[tuple[
             branch = new
             if not leaves:
                 branch = _unless_apart(problem, branch)
-        is_at_load = not leaves and bool(branch.end == KINDS.load)
+        is_at_load = not leaves and bool(branch.end == ENDS.load)
         if branch.step.is_new or not branch.is_on:
             advance_if_known(branch)
             yield branch, is_at_load
@@ -198,7 +198,7 @@ def _has_left(problem: ContinuationProblem, branch: BranchState) -> Flag:
 def _with_shorter_step(problem: ContinuationProblem, branch: BranchState) -> BranchState:
     """Return a branch with a shorter step to try, or at its end where it would be too short."""
     length = branch.step.length / 4
-    end = KINDS.where(length > problem.min_step, KINDS.states, KINDS.uncertain)
+    end = ENDS.where(length > problem.min_step, ENDS.states, ENDS.uncertain)
     step = replace(branch.step, length=length, is_new=jnp.array(False))
     return replace(branch, step=step, end=end)
 
@@ -208,15 +208,15 @@ def _coming_back(
     problem: ContinuationProblem, branch: BranchState
 ) -> tuple[ContinuationProblem, BranchState]:
     """Return the problem of a branch that is to come back to its first load."""
-    end = KINDS.where(branch.end == KINDS.load, KINDS.states, branch.end)
+    end = ENDS.where(branch.end == ENDS.load, ENDS.states, branch.end)
     return replace(problem, first=problem.last, last=problem.first), replace(branch, end=end)
 
 
 @program
 def _unless_apart(problem: ContinuationProblem, branch: BranchState) -> BranchState:
     """Return a branch, at its end where surfaces go apart, though its last load comes later."""
-    is_apart = (branch.end == KINDS.states) & goes_apart(problem.curve, branch.step)
-    end = KINDS.where(is_apart, KINDS.separated, branch.end)
+    is_apart = (branch.end == ENDS.states) & goes_apart(problem.curve, branch.step)
+    end = ENDS.where(is_apart, ENDS.separated, branch.end)
     return replace(branch, end=end)
 
 
@@ -227,7 +227,7 @@ def _leaving(
     """Return the problem of a branch that goes on from its last load."""
     ahead = jnp.sign(problem.curve.rate(branch.step.here.tangent))
     last = problem.last + ahead * jnp.abs(problem.last - problem.first)
-    return replace(problem, first=problem.last, last=last), replace(branch, end=KINDS.states)
+    return replace(problem, first=problem.last, last=last), replace(branch, end=ENDS.states)
 
 
 def passes_out(energies: Sequence[float], sides: Sequence[tuple[int, int]]) -> dict[int, int]:

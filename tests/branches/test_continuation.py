@@ -19,7 +19,7 @@ from programs import compilations
 import jaxstab as js
 from jaxstab.branches import morse_index
 from jaxstab.branches.branch_steps import closes_loop
-from jaxstab.branches.curve import Curve, Place, Point
+from jaxstab.branches.curve import BorderedVector, Curve, Place
 from jaxstab.references import maugis
 
 
@@ -259,9 +259,11 @@ def test_a_branch_is_a_loop_once_a_step_passes_its_start():
     curve = Curve.of(contact, js.MeanGap(1.0))
 
     def is_loop(*points):
-        *_, before, last = (Point(jnp.array(point), jnp.zeros(())) for point in points)
-        tangent = Point(jnp.array([1.0, 0.0]), jnp.zeros(()))
-        start = Place(Point(jnp.array(points[0]), jnp.zeros(())), jnp.ones(2, bool), tangent)
+        *_, before, last = (BorderedVector(jnp.array(point), jnp.zeros(())) for point in points)
+        tangent = BorderedVector(jnp.array([1.0, 0.0]), jnp.zeros(()))
+        start = Place(
+            BorderedVector(jnp.array(points[0]), jnp.zeros(())), jnp.ones(2, bool), tangent
+        )
         step = SimpleNamespace(here=SimpleNamespace(at=before))
         return bool(
             closes_loop(curve, SimpleNamespace(start=start, step=step, count=len(points)), last)

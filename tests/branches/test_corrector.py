@@ -8,7 +8,7 @@ import pytest
 import jaxstab as js
 from jaxstab.branches.branch_steps import pressure_of
 from jaxstab.branches.corrector import CorrectorProblem, Undirected, correct, directed, on_plane
-from jaxstab.branches.curve import Curve, Point
+from jaxstab.branches.curve import BorderedVector, Curve
 from jaxstab.core.accuracy import EXACT
 from jaxstab.equilibrium.posing import posed
 
@@ -21,7 +21,7 @@ def test_it_meets_a_tension_that_there_is_and_soon_gives_up_one_that_there_is_no
     contact = js.Contact(js.HalfSpace(grid, 1.0), HEIGHTS, js.potentials.Exponential(0.466, 0.2))
     state = js.equilibrate(contact, js.MeanGap(0.4))
     problem = posed(contact, js.MeanPressure(state.mean_pressure))
-    at = Point(state.gap, pressure_of(problem.contact, problem.state, state.gap))
+    at = BorderedVector(state.gap, pressure_of(problem.contact, problem.state, state.gap))
     curve = Curve.of(problem.contact, problem.state)
     row = curve.load_gradient
     unit = jnp.ones_like(at.pressure)

@@ -7,7 +7,7 @@ from brute_force import periodic_stiffness
 from dense_curve import DenseCurve, exponential
 
 import jaxstab as js
-from jaxstab.branches.curve import Curve, Point
+from jaxstab.branches.curve import BorderedVector, Curve
 
 # Heights at which a step over several changes of contact was seen to cross to another branch.
 HEIGHTS = 1e-4 * np.fromstring(
@@ -50,7 +50,7 @@ def test_the_size_of_pressures_is_that_of_a_dense_operator_in_any_unit():
             Curve.of(line(heights, 0.466, 0.2, of_pressure=unit), js.MeanGap(0.4))
             for heights in (EIGHT, 0 * EIGHT)
         )
-        at = Point(state.gap, state.mean_pressure * unit)
+        at = BorderedVector(state.gap, state.mean_pressure * unit)
         # Elastic pressures balance the others.
         size = curve.forces(at, state.gap > 0).scale
         np.testing.assert_allclose(size, unit * np.sqrt(2 * np.mean(elastic**2)), rtol=1e-6)

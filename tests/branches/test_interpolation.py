@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 from scipy.interpolate import CubicHermiteSpline
 
-from jaxstab.branches.curve import Place, Point
+from jaxstab.branches.curve import BorderedVector, Place
 from jaxstab.branches.interpolation import Cubics, stays_positive
 
 LENGTH = 0.5
@@ -24,7 +24,7 @@ def judged(is_free, value, rate, end, end_rate):
     mask = jnp.full(1, is_free)
     pressure = jnp.zeros(())
     old, new = (
-        Place(Point(gap, pressure), mask, Point(slope, pressure))
+        Place(BorderedVector(gap, pressure), mask, BorderedVector(slope, pressure))
         for gap, slope in (gaps[:2], gaps[2:])
     )
     cubics = Cubics(old, new, jnp.array(LENGTH), jnp.array(COSINE))

@@ -278,7 +278,7 @@ def test_the_last_of_several_results_raises_and_an_interrupted_one_does_not():
 
 
 def test_enumerations_are_sequences_of_their_members():
-    for kind in (js.VERDICTS, js.results.KINDS, js.RESULTS):
+    for kind in (js.VERDICTS, js.results.KINDS, js.results.ENDS, js.RESULTS):
         members = list(kind)
         assert len(members) == len(kind) == len(set(map(str, members)))
         assert all(member in kind and str(member) in kind for member in members)
