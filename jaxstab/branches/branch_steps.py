@@ -8,7 +8,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Int
 
-from jaxstab.branches.arclength import ArclengthStep, TurnInStep, take_step
+from jaxstab.branches.arclength import take_step
 from jaxstab.branches.branch import Turn
 from jaxstab.branches.corrector import (
     CorrectorProblem,
@@ -19,6 +19,7 @@ from jaxstab.branches.corrector import (
 )
 from jaxstab.branches.curve import BorderedVector, ContinuationProblem, Curve, Place
 from jaxstab.branches.morse_index import index_of, no_modes
+from jaxstab.branches.step_trial import ArclengthStep, TurnInStep
 from jaxstab.contact import Contact
 from jaxstab.contact.hessian import Block
 from jaxstab.core.accuracy import EXACT, NEGLIGIBLE
