@@ -62,6 +62,7 @@ APART = (
     "files",
     "force_curves",
     "lab",
+    "observation",
     "plots",
     "references",
     "results",

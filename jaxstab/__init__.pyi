@@ -24,9 +24,10 @@ from .equilibrium import equilibrate
 from .equilibrium.observables import conductance, leakage, patches
 from .evolution import evolve, growth_rate, lifetime
 from .files import load, save, to_dataset
-from .loading import follow, observe, pull_off, sealing_pressure
+from .loading import follow, pull_off, sealing_pressure
 from .loading.sweep import sweep
 from .loads import FarDisplacement, MeanDisplacement, MeanGap, MeanPressure, Spring
+from .observation import observe
 from .references.taylor_test import check_derivative
 from .solids import (
     CoatedHalfSpace,

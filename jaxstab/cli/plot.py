@@ -15,8 +15,8 @@ from jaxstab.contact import Contact
 from jaxstab.equilibrium import Equilibrium
 from jaxstab.evolution import Evolution
 from jaxstab.loading import Path as Followed
-from jaxstab.loading.observe import Observed
 from jaxstab.loading.sweep import Sweep
+from jaxstab.observation import Observed
 from jaxstab.stability import Stability
 from jaxstab.transitions import Detachment, Transition
 

@@ -27,9 +27,9 @@ from jaxstab.evolution.evolution import OF_RUN
 from jaxstab.files.records import NamedArray, Recorder, Structure
 from jaxstab.files.tabulated_law import law_variables
 from jaxstab.loading import Path
-from jaxstab.loading.observe import Observed
 from jaxstab.loading.sweep import Sweep
 from jaxstab.loads import Load
+from jaxstab.observation import Observed
 from jaxstab.stability import Stability
 from jaxstab.transitions import Detachment, Transition
 

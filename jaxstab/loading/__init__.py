@@ -1,18 +1,15 @@
 """Loading: the states of a contact along a load path, its jumps, and its pull-off."""
 
 from jaxstab.loading.follow import follow
-from jaxstab.loading.observe import Observed, observe
 from jaxstab.loading.path import Jump, Path
 from jaxstab.loading.pull_off import pull_off
 from jaxstab.loading.sealing_pressure import SealingPressure, sealing_pressure
 
 __all__ = [
     "Jump",
-    "Observed",
     "Path",
     "SealingPressure",
     "follow",
-    "observe",
     "pull_off",
     "sealing_pressure",
 ]

@@ -16,7 +16,7 @@ from jaxstab.equilibrium import observables
 from jaxstab.equilibrium.equilibrium import State, found_equilibrium
 from jaxstab.equilibrium.observables import Leakage
 from jaxstab.equilibrium.observables.clusters import Neighbours
-from jaxstab.loading.observe import Observed, by_side
+from jaxstab.observation.observe import Observed, by_side
 from jaxstab.plots.fields import add_colour_bar, draw_areas, draw_map, outline_contact, require_own
 from jaxstab.plots.paths import Quantity, of_states
 from jaxstab.plots.style import (

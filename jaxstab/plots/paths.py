@@ -14,8 +14,9 @@ from jaxstab.branches import Branch, Turn
 from jaxstab.core.checks import require_kind, require_one_of
 from jaxstab.core.display import several
 from jaxstab.core.units import LENGTH, readable_unit, shown_unit
-from jaxstab.loading import Observed, Path
+from jaxstab.loading import Path
 from jaxstab.loading.sweep import Sweep
+from jaxstab.observation import Observed
 from jaxstab.plots.style import (
     PALETTE,
     QUANTITIES,

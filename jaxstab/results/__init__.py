@@ -8,8 +8,9 @@ from jaxstab.core.history import History
 from jaxstab.equilibrium import Equilibrium
 from jaxstab.equilibrium.observables import Conductance, Leakage, Observable, Patches
 from jaxstab.evolution import Evolution, Internal
-from jaxstab.loading import Jump, Observed, Path, SealingPressure
+from jaxstab.loading import Jump, Path, SealingPressure
 from jaxstab.loading.sweep import Sweep
+from jaxstab.observation import Observed
 from jaxstab.references.taylor_test import TaylorTest
 from jaxstab.stability import Barrier, Eigenpair, Stability
 from jaxstab.states import ENDS, KINDS, PathState, States
