@@ -2,6 +2,7 @@
 
 from jaxstab.transitions.detachment import Detachment, detachment
 from jaxstab.transitions.easiest_exit import easiest_exit
-from jaxstab.transitions.transition import Transition, transition
+from jaxstab.transitions.result import Transition
+from jaxstab.transitions.transition import transition
 
 __all__ = ["Detachment", "Transition", "detachment", "easiest_exit", "transition"]

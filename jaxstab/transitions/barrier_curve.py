@@ -22,7 +22,7 @@ from jaxstab.core.types import Flag, Scalar
 from jaxstab.loading.path import Path
 from jaxstab.loads import MeanPressure
 from jaxstab.states.kinds import KINDS
-from jaxstab.transitions.transition import largest_climb
+from jaxstab.transitions.pass_to_detached import largest_climb
 
 # Passes are computed at no more than so many loads.
 _MAX_PASSES = 40

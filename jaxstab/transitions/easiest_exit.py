@@ -15,8 +15,10 @@ from jaxstab.equilibrium import Equilibrium, equilibrate
 from jaxstab.equilibrium.equilibrium import State, equilibrium_of
 from jaxstab.stability import assess_stability, lowest_modes
 from jaxstab.stability.perturb import amplitude_of
+from jaxstab.transitions.pass_to_detached import pulls
+from jaxstab.transitions.result import Transition
 from jaxstab.transitions.saddle import are_apart
-from jaxstab.transitions.transition import Transition, pulls, transition
+from jaxstab.transitions.transition import transition
 
 # How far a state is pushed, one after another: parts of its mean gap.
 _SHARES = 0.1, 0.3, 1.0, 3.0
