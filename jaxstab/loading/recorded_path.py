@@ -64,8 +64,11 @@ def path_of(
     """Return the path of a recording, and how it ended."""
     progress = recording.search
     number = len(recording.states)
-    like = jax.eval_shape(_jump, load_path.contact, load_path.load, no_event(progress.here))
-    points, jumps = recording.rows(like)
+
+    def no_jump() -> Jump:
+        return _jump(load_path.contact, load_path.load, no_event(progress.here))
+
+    points, jumps = recording.rows(jax.eval_shape(no_jump))
     room = _ROOM * max(-(-number // _ROOM), 1)
 
     def in_room(rows: Array) -> np.ndarray:
