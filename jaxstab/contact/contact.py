@@ -7,7 +7,6 @@ K u + f'(g) and its Hessian A = K + D with D = diag f''(g).
 
 from collections.abc import Callable
 from dataclasses import fields
-from functools import partial
 from typing import TYPE_CHECKING, Annotated
 
 import equinox as eqx
@@ -39,7 +38,7 @@ from jaxstab.core.grid import Grid
 from jaxstab.core.types import ArrayLike, Field, FieldMap, Flag, Scalar
 from jaxstab.core.units import LENGTH, Units
 from jaxstab.loads.load import Control, Load
-from jaxstab.potentials.evaluation import curvature, energy_density
+from jaxstab.potentials.evaluation import curvature
 from jaxstab.potentials.jumps import law_jump, require_no_jump
 from jaxstab.potentials.profile import Profile, profile_of, require_smooth
 from jaxstab.potentials.sharpness import sharpest_curvature
@@ -246,9 +245,7 @@ class Contact(eqx.Module):
 
     def energy(self, gap: Field) -> Scalar:
         """Return the potential energy of the surface (Rey & Bleyer, eq. 5) [energy]."""
-        K = self.solid.with_uniform_stiffness(0).apply
-        f = partial(energy_density, self.potential)
-        return model.energy(K, f, self.heights, gap) * self.grid.cell_area
+        return self.pressures(gap).energy * self.grid.cell_area
 
     @property
     def gradient(self) -> FieldMap:

@@ -45,6 +45,11 @@ class Pressures(eqx.Module):
         """K u + f'(g) [pressure]."""
         return model.gradient(self.elastic, self.attraction)
 
+    @property
+    def energy(self) -> Scalar:
+        """u.Ku / 2 + sum f(g) (Rey & Bleyer, eq. 15) [energy/area]."""
+        return model.energy(self.displacement, self.elastic, self.density)
+
 
 class Balance(eqx.Module):
     """How far a gap is from equilibrium (Rey & Bleyer, eqs. 9 and 10).
@@ -76,6 +81,11 @@ class Balance(eqx.Module):
     mean_gap: Scalar
     residual: Scalar
     has_escaped: Flag
+
+    @property
+    def energy(self) -> Scalar:
+        """u.Ku / 2 + sum f(g), as `Pressures.energy`, of sums that share a pass [energy/area]."""
+        return self.elastic_energy + self.adhesion
 
 
 def pressures_of(

@@ -48,10 +48,9 @@ def elastic_energy(displacement: Field, pressure: Field) -> Scalar:
     return total(displacement * pressure) / 2
 
 
-def energy(K: FieldMap, f: FieldMap, heights: Field, gap: Field) -> Scalar:
-    """Return E_p = u.Ku / 2 + sum f(g) (15) [energy/area]."""
-    displacement = displacement_of(gap, heights)
-    return elastic_energy(displacement, K(displacement)) + total(f(gap))
+def energy(displacement: Field, pressure: Field, density: Field) -> Scalar:
+    """Return E_p = u.Ku / 2 + sum f(g) (15), from u, p = K u and f(g) [energy/area]."""
+    return elastic_energy(displacement, pressure) + total(density)
 
 
 def gradient(pressure: Field, slope: Field) -> Field:

@@ -155,8 +155,7 @@ def concluded(contact: Contact, load: Load, iteration: Iteration[SolverState]) -
     control = contact.control(load)
     gap = iteration.state.gap
     balance = iteration.state.balance
-    energy = balance.elastic_energy + balance.adhesion
-    is_finite = jnp.isfinite(energy) & control.is_met(gap)
+    is_finite = jnp.isfinite(balance.energy) & control.is_met(gap)
     result = RESULTS.where(is_finite, iteration.result, RESULTS.nonfinite)
     if contact.solid.is_window:
         is_sunk = jnp.sum(gap == 0) > jnp.sum(contact.solid.surface(gap == 0))

@@ -160,7 +160,7 @@ def equilibrium_at(
     contact: Contact, load: Load, gap: Field, balance: Balance, **how: Any
 ) -> Equilibrium:
     """Return the state of a gap and its balance, given how it was found: residual, steps, ..."""
-    energy = (balance.elastic_energy + balance.adhesion) * contact.grid.cell_area
+    energy = balance.energy * contact.grid.cell_area
     in_contact, area_fraction = _in_contact(contact, gap, balance.curvature)
     return Equilibrium(
         load=load,

@@ -148,7 +148,7 @@ class _Prepared(Problem):
     def energy(self, balance: Balance) -> Scalar:
         """Return the energy of a state and of the load, summed over the points."""
         work = balance.net.size * self.control.energy(balance.mean_gap)
-        return balance.elastic_energy + balance.adhesion + work
+        return balance.energy + work
 
 
 def _begun(problem: _Prepared, state: _DescentState) -> _LineSearch:
