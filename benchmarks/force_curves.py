@@ -56,22 +56,22 @@ def main() -> None:
 
 def curves(
     folder: Path, most: int, reasons: list[tuple[str, str]]
-) -> Iterator[tuple[str, js.force_curves.ForceCurve]]:
+) -> Iterator[tuple[str, js.lab.force_curves.ForceCurve]]:
     """Yield the first curves of each file."""
     for path in sorted(folder.iterdir()):
         try:
-            found = js.force_curves.read(path)
+            found = js.lab.force_curves.read(path)
         except Exception as error:
             reasons.append((path.name, f"{type(error).__name__}: {error}"))
             continue
-        if isinstance(found, js.force_curves.ForceCurve):
+        if isinstance(found, js.lab.force_curves.ForceCurve):
             yield path.name, found
             continue
         for number, curve in enumerate(found[:most]):
             yield f"{path.name} {number}", curve
 
 
-def row(name: str, curve: js.force_curves.ForceCurve, options: argparse.Namespace) -> str:
+def row(name: str, curve: js.lab.force_curves.ForceCurve, options: argparse.Namespace) -> str:
     tip = js.lab.Paraboloid(options.radius)
     start = time.perf_counter()
     fit = js.lab.fit_curve(curve, tip, options.poisson_ratio, options.segment)
@@ -85,7 +85,7 @@ def row(name: str, curve: js.force_curves.ForceCurve, options: argparse.Namespac
     )
 
 
-def sneddon(curve: js.force_curves.ForceCurve, options: argparse.Namespace) -> float:
+def sneddon(curve: js.lab.force_curves.ForceCurve, options: argparse.Namespace) -> float:
     """Return E of F = 4/3 E* sqrt(R) (d0 - tip)^(3/2) + b, by least squares of all points."""
     segment = getattr(curve, options.segment)
     inside = segment.is_present

@@ -60,7 +60,6 @@ APART = (
     "cli",
     "exceptions",
     "files",
-    "force_curves",
     "lab",
     "observation",
     "plots",
@@ -69,6 +68,7 @@ APART = (
     "solvers",
     "studies",
     "surfaces",
+    "units",
 )
 # Numbers that are no choices: of physics, units, a closed form, a path, the functions of a fit.
 GIVEN = (

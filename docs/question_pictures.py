@@ -15,7 +15,7 @@ import jaxstab as js
 from jaxstab.plots.style import BLACK, BLUE, GREEN, ORANGE, VERMILION
 
 PAGES = Path(__file__).parent / "questions"
-FILES = Path(__file__).parents[1] / "tests" / "force_curves"
+FILES = Path(__file__).parents[1] / "tests" / "lab" / "force_curves"
 # Of a force curve most is far from the contact [µm].
 FARTHEST = 0.5
 Names = dict[str, Any]
@@ -46,12 +46,13 @@ def drawn(page: str) -> Figure:
 def modulus(names: Names, axes: Axes) -> None:
     """Draw the forces of both directions, and the fitted curve."""
     curve, fit = names["curve"], names["fit"]
+    fitted = curve.retraction
     for part, colour in ((curve.approach, BLUE), (curve.retraction, VERMILION)):
         near = part.tip_position < FARTHEST
         axes.plot(part.tip_position[near], part.force[near], ".", color=colour, markersize=2)
-    near = fit.load.value < FARTHEST
+    near = fitted.tip_position < FARTHEST
     label = "fit of the retraction"
-    axes.plot(fit.load.value[near], fit.force[near], color=BLACK, label=label)
+    axes.plot(fitted.tip_position[near], fit.forces[near], color=BLACK, label=label)
     axes.plot([], [], ".", color=BLUE, label="approach")
     axes.plot([], [], ".", color=VERMILION, label="retraction")
     axes.axhline(0, color="0.7", linewidth=1, zorder=0)

@@ -1,6 +1,5 @@
 from . import (
     exceptions,
-    force_curves,
     lab,
     plots,
     potentials,
@@ -9,9 +8,10 @@ from . import (
     solids,
     solvers,
     surfaces,
+    units,
 )
 from .branches import continuation, critical_load, first_jump
-from .calibration import calibrate, calibrate_each, first_guess
+from .calibration import calibrate
 from .citations import cite
 from .contact import Contact
 from .contact.extrapolation import extrapolate
@@ -67,7 +67,6 @@ __all__ = [
     "Viscoelastic",
     "assess_stability",
     "calibrate",
-    "calibrate_each",
     "check_derivative",
     "cite",
     "conductance",
@@ -79,10 +78,8 @@ __all__ = [
     "evolve",
     "exceptions",
     "extrapolate",
-    "first_guess",
     "first_jump",
     "follow",
-    "force_curves",
     "growth_rate",
     "lab",
     "leakage",
@@ -107,4 +104,5 @@ __all__ = [
     "sweep",
     "to_dataset",
     "transition",
+    "units",
 ]

@@ -122,7 +122,7 @@ def recorded(
         if height_noise:
             read = read + height_noise * random.normal(size=own.size)
         segments.append(
-            js.force_curves.Segment(
+            js.lab.force_curves.Segment(
                 force=total,
                 height=read,
                 tip=read + total / constant,
@@ -130,7 +130,7 @@ def recorded(
             )
         )
     named = dict(zip(parts, segments, strict=True))
-    return js.force_curves.ForceCurve(
+    return js.lab.force_curves.ForceCurve(
         named.get("approach"),
         named.get("retraction"),
         spring_constant=constant,

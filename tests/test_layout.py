@@ -69,7 +69,10 @@ def used(text):
                 yield f"{module}.{name.name}", name.name in public
         elif isinstance(node, ast.Attribute):
             chain = ast.unparse(node)
-            yield chain, not node.attr.startswith("_") and is_public(chain)
+            # What an object of the laboratory keeps to itself, and names as `__name__`.
+            is_own = re.match(r"(self|cls)\.", chain) or node.attr.startswith("__")
+            is_private = node.attr.startswith("_") and not is_own
+            yield chain, not is_private and is_public(chain)
 
 
 def is_public(chain):

@@ -1,13 +1,11 @@
 """Advice on a fit: outliers, a wrong sign, a drift, an offset or a baseline that was not fitted."""
 
-import equinox as eqx
-import jax.numpy as jnp
+from typing import NamedTuple
+
 import numpy as np
-from jax.scipy.special import betainc
-from jaxtyping import Array, Float
+from scipy.special import betainc
 
 from jaxstab.calibration.least_squares import FARTHEST, Curve, Measured
-from jaxstab.core.types import ArrayLike, Scalar
 from jaxstab.core.warn import warn
 
 # The chance of a normal error, or of a lower misfit by chance, below which a warning is given.
@@ -18,8 +16,6 @@ _SMALLEST = 1e-5
 _MOST = 0.9
 # A drift, an offset or a baseline is named if it would remove such a part of the sum of squares.
 _REMOVED = 0.5
-# A misfit that exceeds the noise so many times is that of the contact.
-_ABOVE_NOISE = 2.0
 # Above this misfit a warning is given if the guess's curve runs the other way.
 _POOR = 0.1
 
@@ -28,7 +24,7 @@ class FitWarning(UserWarning):
     """A fit converged, but the measurements show an outlier, an offset or a baseline."""
 
 
-class Hints(eqx.Module):
+class Hints(NamedTuple):
     """Numbers of a fit that hint at the cause of a misfit.
 
     Attributes:
@@ -43,10 +39,10 @@ class Hints(eqx.Module):
     """
 
     guess: Curve
-    zeros: Float[Array, "2"]
-    drop: Scalar
+    zeros: np.ndarray
+    drop: float
     relief: Curve
-    drift: Scalar
+    drift: float
 
 
 def warn_of_misfit(measured: Measured, fitted: Curve, count: int, hints: Hints) -> None:
@@ -58,7 +54,7 @@ def warn_of_misfit(measured: Measured, fitted: Curve, count: int, hints: Hints) 
     misfit = np.linalg.norm(_misfit(measured, fitted)) / np.linalg.norm(measured.deviation)
     if misfit > _POOR and (sign := wrong_sign(measured, hints.guess)):
         warn(f"{sign}. The misfit is {misfit:.0%} of the curve.", FitWarning)
-    weighed = int(jnp.sum(measured.weights > 0))
+    weighed = measured.count
     if _is_exact(measured, fitted):
         return
     if hints.drift > hints.drop and (drift := drift_of(hints, weighed - count - 1)):
@@ -76,24 +72,9 @@ def warn_of_misfit(measured: Measured, fitted: Curve, count: int, hints: Hints) 
             "baseline": f"the measurements had a baseline of about {baseline:.3g}",
         }
         warn(
-            f"the misfit would fall by {float(hints.drop):.0%} if "
+            f"the misfit would fall by {hints.drop:.0%} if "
             f"{' and '.join(said[name] for name in missing)}: give "
             f"{', '.join(f'{name}=True' for name in missing)}.",
-            FitWarning,
-        )
-
-
-def warn_above_noise(measured: Measured, fitted: Curve, count: int, noise: ArrayLike) -> None:
-    """Warn of a misfit that exceeds the noise, the standard error of a pressure of weight one."""
-    misfit = _misfit(measured, fitted)
-    freedom = max(int(np.sum(measured.weights > 0)) - count, 1)
-    times = float(np.linalg.norm(misfit) / np.sqrt(freedom) / noise)
-    if times > _ABOVE_NOISE:
-        warn(
-            f"the misfit is {times:.2g} times the noise of the baseline: the curve is not one of "
-            "this contact. Compare approach and retraction, whose difference may be viscosity, and "
-            "fit another law or another shape of the tip. Standard "
-            "errors follow from the misfit, but not from what makes it.",
             FitWarning,
         )
 
@@ -128,7 +109,7 @@ def wrong_sign(measured: Measured, guess: Curve) -> str:
 
 def drift_of(hints: Hints, freedom: int) -> str:
     """Return a sentence on a drift of the measurements, empty if chance explains what they show."""
-    drift = float(hints.drift)
+    drift = hints.drift
     if freedom < 1 or not drift > _REMOVED or betainc(freedom / 2, 0.5, 1 - drift) > _CHANCE:
         return ""
     return (

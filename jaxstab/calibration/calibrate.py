@@ -5,19 +5,10 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Any, Literal, NamedTuple
 
-import equinox as eqx
-import jax
-import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, PyTree
+from jaxtyping import Float, PyTree
 
-from jaxstab.calibration.advice import (
-    FitWarning,
-    Hints,
-    warn_above_noise,
-    warn_of_misfit,
-    wrong_sign,
-)
+from jaxstab.calibration.advice import FitWarning, Hints, warn_of_misfit, wrong_sign
 from jaxstab.calibration.least_squares import (
     FARTHEST,
     Curve,
@@ -28,38 +19,33 @@ from jaxstab.calibration.least_squares import (
     Values,
     directions,
 )
-from jaxstab.calibration.measured_curve import Parts, means_of
-from jaxstab.calibration.model import Model, Order, Pick, Where, values_of
+from jaxstab.calibration.model import ZEROS, Model, Order, Pick, Where, values_of, with_values
 from jaxstab.calibration.result import Calibration, describe, profile_of
-from jaxstab.calibration.search import Plan, Search, num_fits
-from jaxstab.calibration.zeros import Zeros
+from jaxstab.calibration.search import Search, fits, num_fits
 from jaxstab.contact import Contact, require_contact
 from jaxstab.contact.resolution import warn_if_coarse
 from jaxstab.core.checks import (
-    concrete,
+    array,
     integer,
-    is_transformed,
+    parameter,
     require,
+    require_finite,
+    require_known,
     require_one_of,
     require_positive,
-    where_known,
 )
-from jaxstab.core.compile import own_conventions, program
-from jaxstab.core.implicit import refuse_derivatives
 from jaxstab.core.interrupts import early_ends
 from jaxstab.core.loop import optional_parameter
 from jaxstab.core.progress import progress_bar
 from jaxstab.core.results import RESULTS, throw_failure
-from jaxstab.core.types import ArrayLike, Flag, Scalar
+from jaxstab.core.types import ArrayLike
 from jaxstab.core.units import FORCE, NUMBER, PRESSURE, SPRING_CONSTANT, STIFFNESS
 from jaxstab.core.warn import warn
-from jaxstab.force_curves import ForceCurve, ForceCurves
 from jaxstab.loads import Load, MeanPressure, require_load
 
 # A fit with a larger loss does not describe the measurements; a zero curve has a loss of 1/2.
 _LARGEST_LOSS = 0.25
-# Rounding of a mean, over the norm and the number of measurements.
-_ROUNDING = np.finfo(float).eps
+_PRECISION = np.finfo(float)
 
 
 def potential_and_modulus(contact: Contact) -> PyTree:
@@ -70,19 +56,16 @@ def potential_and_modulus(contact: Contact) -> PyTree:
     return contact.potential, modulus
 
 
-# Curves without an equilibrium are NaN.
-@own_conventions()
 def calibrate(
     contact: Contact,
-    load: Load | type[Load],
-    mean_pressure: ArrayLike | ForceCurve | None = None,
+    load: Load,
+    mean_pressure: ArrayLike | None = None,
     *,
     forces: ArrayLike | None = None,
-    segment: Parts = "retraction",
-    points: int = 40,
-    offset: bool | None = None,
-    baseline: bool | Literal["linear"] | None = None,
+    offset: bool = False,
+    baseline: bool | Literal["linear"] = False,
     weights: ArrayLike | None = None,
+    load_error: ArrayLike | None = None,
     where: Where = potential_and_modulus,
     order: Order = "continuation",
     starts: int | None = None,
@@ -93,8 +76,8 @@ def calibrate(
 ) -> Calibration:
     """Fit the parameters of a contact to measured forces or mean pressures.
 
-    Minimises sum_i w_i (p0(load_i - offset) + baseline - m_i)^2 by the Levenberg-Marquardt method
-    (J. SIAM 11, 431, 1963).
+    Minimises sum_i w_i (p0(load_i - offset) + baseline + tilt load_i - m_i)^2 by the
+    Levenberg-Marquardt method (J. SIAM 11, 431, 1963).
 
     Work of adhesion and range nearly compensate each other, so the misfit can have several minima.
     Therefore the worst determined parameter is fixed at values up to a factor of four away, the
@@ -109,34 +92,24 @@ def calibrate(
     A parameter that starts positive is fitted by its logarithm, and stays positive.
     Only floating-point arrays are parameters, not integers or Python numbers in a function.
 
-    Of a `jaxstab.force_curves.ForceCurve`, corrected first unless it is already, means over short
-    steps of the height are fitted, in the units of the contact, with weights from their numbers of
-    points and the noise of force and height; the contact point, the baseline and its tilt over the
-    height are parameters too. Both segments have a baseline each, unless the retraction has not
-    detached, and the drift of the heights is another parameter, unless the correction has left it
-    as hysteresis. As `jaxstab.FarDisplacement` the load is the tip position, so that the fit passes
-    jumps that a soft cantilever makes; as `jaxstab.Spring` it is the height, and the contact must
-    jump where the curve does. An error of the baseline moves the tip position as well.
+    It works outside of JAX transformations only.
 
     Arguments:
         contact: the contact with the parameters to start from.
-        load: one value for each measurement, in their order: a displacement, a gap, or the position
-            of a spring. A load without an equilibrium fails the fit, unless its weight is zero. For
-            a force curve one of the classes `FarDisplacement` and `Spring`.
+        load: one value for each measurement, in their order: a displacement, a gap, the position of
+            a tip (`jaxstab.FarDisplacement`) or of a spring. A load without an equilibrium fails
+            the fit, unless its weight is zero.
         mean_pressure: m, the measured mean pressures, positive in compression [pressure]. Masked
-            values of a masked array have no weight. Or a force curve.
+            values of a masked array have no weight.
         forces: measured forces instead, positive in compression: m times the area of the cell
             [pressure length^2].
-        segment: which part of a force curve to fit: "approach", "retraction" or "both".
-        points: the number of means over a segment of a force curve, in contact; far from it there
-            are a sixth as many.
-        offset: fit the zero of the loads, the contact point of a measured curve; by default only of
-            a force curve.
+        offset: fit the zero of the loads, the contact point of a measured curve.
         baseline: fit the zero of the measurements: a constant force or pressure, or "linear" for
-            one with a tilt, baseline + tilt load, of a force curve over the height in place of the
-            load. By default "linear" for a force curve, else none.
+            one with a tilt over the load.
         weights: w, one over the variance of each measurement up to a common factor; all equal by
             default.
+        load_error: how far one standard error moves each load, of an error that all of them have in
+            common, such as a drift: errors of the parameters include it [length].
         where: selects the parameters to fit from a contact, as in `equinox.tree_at`; by default all
             of the potential and Young's modulus.
         order: as in `sweep`: "continuation" starts each load from the one before, as a
@@ -162,41 +135,25 @@ def calibrate(
     Raises:
         ValueError: for measurements that do not match the loads, are not finite, or are not more
             than the parameters. For negative weights, an unknown order, and `starts` below 1.
-        TypeError: for a load that prescribes the pressure, a contact in single precision, or
-            several force curves.
+        TypeError: for a load that prescribes the pressure, a contact in single precision, and in a
+            JAX transformation.
         SolverError: if `throw` and the fit did not converge, or does not describe the measurements:
             a parameter ran to its bound or is not determined, or a zero or a constant curve fits
             hardly worse. The message names the likely cause, such as a wrong sign or an outlier.
 
     Warns:
         FitWarning: for an outlier or a drift, and for an offset or a baseline that is not fitted
-            although the measurements have one; for a force curve if the misfit exceeds its noise,
-            so that another contact made it; for an interrupt.
+            although the measurements have one; for an interrupt.
     """
     require_contact(contact)
-    loads: Any = load
-    given = mean_pressure
-    zeros = None
-    noise = None
-    if isinstance(given, ForceCurves):
-        raise TypeError(f"There are {len(given)} force curves: fit them by `calibrate_each`.")
-    is_curve = isinstance(given, ForceCurve)
-    if is_curve:
-        if forces is not None or weights is not None:
-            raise ValueError("A force curve brings its own forces and weights: leave these out.")
-        loads, forces, weights, zeros, noise = means_of(contact, load, given, segment, points)
-        given = None
-    if offset is None:
-        offset = is_curve
-    if baseline is None:
-        baseline = is_curve and "linear"
-    require_load(loads)
-    if isinstance(loads, MeanPressure):
+    require_load(load)
+    if isinstance(load, MeanPressure):
         raise TypeError("The load is a MeanPressure: fit a curve over a mean displacement or gap.")
+    arrays = mean_pressure, forces, weights, load_error, tolerance
+    require_known((contact, load, arrays), "calibrate")
     require_one_of("order", order, Order.__args__)
     require_one_of("baseline", baseline, (False, True, "linear"))
-    is_tilted = baseline == "linear"
-    if contact.heights.dtype != jnp.float64:
+    if contact.heights.dtype != np.float64:
         raise TypeError(
             f"The heights are {contact.heights.dtype}: a fit needs float64, since near contact "
             "edges single precision leaves too many loads without a derivative. Call "
@@ -208,212 +165,143 @@ def calibrate(
     tolerance = optional_parameter(tolerance)
     if tolerance is not None:
         require_positive("The tolerance", tolerance)
-    if (given is None) == (forces is None):
+        tolerance = float(tolerance)
+    if (mean_pressure is None) == (forces is None):
         raise ValueError("Give the measurements once: as `forces`, or as mean pressures.")
-    of_baseline = FORCE
-    of_tilt = SPRING_CONSTANT
-    area = contact.area
-    if forces is None:
-        of_baseline = PRESSURE
-        of_tilt = STIFFNESS
-        area = jnp.ones(())
-    else:
-        given = forces
-    measured = Measured.of(loads, given, weights, area, bool(baseline))
-    if zeros is None:
-        zeros = Zeros.over(loads)
-    of_load = loads.unit or NUMBER
+    given, area = mean_pressure, 1.0
+    of_baseline, of_tilt = PRESSURE, STIFFNESS
+    if forces is not None:
+        given, area = forces, float(contact.area)
+        of_baseline, of_tilt = FORCE, SPRING_CONSTANT
+    measured = Measured.of(load, given, weights, area, bool(baseline))
     dimensions = {}
     if offset:
-        dimensions["offset"] = of_load
+        dimensions["offset"] = load.unit or NUMBER
     if baseline:
         dimensions["baseline"] = of_baseline
-    if is_tilted:
+    if baseline == "linear":
         dimensions["tilt"] = of_tilt
-    if zeros.drift_error is None:
-        dimensions["drift"] = of_load
-    fitted = {
-        name: dimensions[kind]
-        for name, kind in zip(zeros.names, zeros.kinds, strict=True)
-        if kind in dimensions
-    }
     pick = Pick.of(where, contact)
-    w = measured.weights
-    count = len(pick.names) + len(fitted)
-    # Where JAX traces the weights, their number is known.
-    for number in (w.size, (concrete(w) > 0).sum()):
-        _require_fewer(count, number)
+    shift = np.zeros(load.value.shape)
+    if load_error is not None:
+        shift = np.asarray(parameter(load_error, "The error of the loads"))
+        require_finite("The error of the loads", shift)
+        if shift.shape != load.value.shape:
+            raise ValueError(f"The error of the loads has shape {shift.shape}: give one for each.")
+    _require_fewer(len(pick.names) + len(dimensions), measured)
     cure = "one with a weight must differ from zero."
     if baseline:
         cure = "one with a weight must differ from the others, beside a baseline."
-    norm = jnp.linalg.norm(jnp.sqrt(w) * measured.mean_pressure)
-    differs = jnp.linalg.norm(measured.deviation) > _ROUNDING * w.size * norm
+    w = measured.weights
+    norm = np.linalg.norm(np.sqrt(w) * measured.mean_pressure)
+    # The mean of equal numbers is rounded.
+    differs = np.linalg.norm(measured.deviation) > _PRECISION.eps * w.size * norm
     require("The norm of the measurements", norm, differs, cure)
     warn_if_coarse(contact)
-    inputs = _Inputs(
-        contact,
-        measured,
-        area,
-        tolerance,
-        max_steps,
-        zeros,
-        where=pick,
-        fitted=tuple(fitted.items()),
-        order=order,
-        starts=starts,
-    )
-    if is_transformed(inputs):
-        fit, hints = _answer(inputs)
-    else:
-        fit, hints = _watched(inputs, progress)
-        if fit.result == RESULTS.successful:
-            warn_of_misfit(measured, fit.mean_pressure, len(fit.names), hints)
-            if noise is not None:
-                warn_above_noise(measured, fit.mean_pressure, len(fit.names), noise / contact.area)
+
+    model = Model(contact, load, array(area), pick, order)
+    values = values_of(pick(contact))
+    start = np.append(values, np.zeros(len(ZEROS)))
+    held = np.array([False] * values.size + [name not in dimensions for name in ZEROS])
+
+    def curve(values: Values) -> tuple[Curve, Rows]:
+        pressures, jacobian = model.curve(values)
+        return np.asarray(pressures), np.asarray(jacobian)
+
+    problem = FitProblem(curve, start, measured, held, tolerance)
+    search = Search(problem, (start > 0) & ~held)
+    is_interrupted = _run(search, starts, max_steps, progress)
+    fit = _finished(search, model, dimensions, shift)
+    hints = _hints_of(search)
+    if fit.result == RESULTS.successful:
+        if is_interrupted:
+            fit = replace(fit, result=RESULTS.interrupted)
+        else:
+            warn_of_misfit(measured, search.best.point.mean_pressure, len(fit.names), hints)
     return throw_failure(fit.result, fit, lambda: describe(fit, measured, hints), throw)
 
 
-@where_known
-def _require_fewer(count: int, number: int) -> None:
+def _require_fewer(count: int, measured: Measured) -> None:
     """Raise `ValueError` unless there are parameters, and fewer than measurements."""
-    if not 0 < count < number:
-        raise ValueError(
-            f"There are {count} parameters for {number} measurements of any weight: take more of "
-            "these, or pick other parameters with `where`."
-        )
+    for number in (measured.weights.size, measured.count):
+        if not 0 < count < number:
+            raise ValueError(
+                f"There are {count} parameters for {number} measurements of any weight: take more "
+                "of these, or pick other parameters with `where`."
+            )
 
 
-class _Inputs(eqx.Module):
-    """All that a fit depends on.
-
-    Attributes:
-        fitted: the names of the zeros that are fitted, with their dimensions.
-    """
-
-    contact: Contact
-    measured: Measured
-    area: Scalar
-    tolerance: Scalar | None
-    max_steps: ArrayLike
-    zeros: Zeros
-    where: Pick = eqx.field(static=True)
-    fitted: tuple[tuple[str, str], ...] = eqx.field(static=True)
-    order: Order = eqx.field(static=True)
-    starts: int | None = eqx.field(static=True)
-
-    def fits(self) -> tuple[Model, Plan]:
-        """Return the contact as a function of its parameters, and the fits to make."""
-        inputs: Any = refuse_derivatives(self)
-        values, unravel = values_of(self.where(inputs.contact))
-        zeros = inputs.zeros
-        model = Model(
-            contact=inputs.contact,
-            where=self.where,
-            unravel=unravel,
-            loads=inputs.measured.load,
-            zeros=zeros,
-            area=inputs.area,
-            order=self.order,
-        )
-        start = jnp.concatenate([values, jnp.zeros(len(zeros.names))])
-        known = dict(self.fitted)
-        is_fitted = np.array([True] * values.size + [name in known for name in zeros.names])
-        problem = FitProblem(model.curve, start, inputs.measured, inputs.tolerance)
-        is_profiled = (start > 0) & is_fitted
-        return model, Plan(problem, ~is_fitted, is_profiled, self.starts, inputs.max_steps)
+def _run(search: Search, starts: int | None, max_steps: int, progress: bool | None) -> bool:
+    """Run the fits of a search, and return whether they were interrupted."""
+    with progress_bar("fit", num_fits(starts), "fit", shown=progress) as bar:
+        try:
+            for _ in fits(search, starts, max_steps, bar):
+                if len(search.starts) == 1 and starts is None and _is_hopeless(search):
+                    break
+        except early_ends():
+            if not search.starts:
+                raise
+            done = len(search.starts) + len(search.profile) + len(search.refits)
+            warn(
+                f"The search was interrupted: {done} fits are done, the best of which is returned.",
+                FitWarning,
+            )
+            return True
+    return False
 
 
-@program
-def _answer(inputs: _Inputs) -> tuple[Calibration, Hints]:
-    _, plan = inputs.fits()
-    found = jax.lax.fori_loop(0, num_fits(inputs.starts), plan.attempt, plan.begin())
-    return _finish(inputs, found)
-
-
-def _watched(inputs: _Inputs, progress: bool | None) -> tuple[Calibration, Hints]:
-    """Return the result fit by fit, so that these can be watched, and interrupted."""
-    number = num_fits(inputs.starts)
-    found = _begin(inputs)
-    with progress_bar("fit", number, "fit", shown=progress) as bar:
-        for i in range(number):
-            try:
-                found = jax.block_until_ready(one_more_fit(inputs, i, found))
-            except early_ends():
-                if i == 0:
-                    raise
-                done = f"{i} of {number} fits are done, the best of which is returned"
-                warn(f"The search was interrupted: {done}.", FitWarning)
-                fit, hints = _finish(inputs, found)
-                has_ended = fit.result == RESULTS.successful
-                result = RESULTS.where(has_ended, RESULTS.interrupted, fit.result)
-                return replace(fit, result=result), hints
-            bar.update()
-            if i == 0 and _is_hopeless(inputs, found):
-                break
-    return _finish(inputs, found)
-
-
-def _is_hopeless(inputs: _Inputs, found: Search) -> bool:
+def _is_hopeless(search: Search) -> bool:
     """Return whether a wrong sign or unit explains the first fit, so that starts near it fail."""
-    is_far = not found.best.point.loss <= _LARGEST_LOSS
-    return inputs.starts is None and is_far and bool(wrong_sign(inputs.measured, found.guess))
+    is_far = search.best.point.loss > _LARGEST_LOSS
+    return is_far and bool(wrong_sign(search.problem.measured, search.guess))
 
 
-@program
-def _begin(inputs: _Inputs) -> Search:
-    return inputs.fits()[1].begin()
+def _finished(
+    search: Search, model: Model, dimensions: dict[str, Any], shift: Curve
+) -> Calibration:
+    """Return the best fit of a search with its errors, refused if it is none.
 
-
-@program
-def one_more_fit(inputs: _Inputs, number: int, so_far: Search) -> Search:
-    """Run a fit of the search, and return the search with what it found."""
-    return inputs.fits()[1].attempt(number, so_far)
-
-
-@program
-def _finish(inputs: _Inputs, found: Search) -> tuple[Calibration, Hints]:
-    """Return the fit of a search, and hints at what it lacks.
-
-    1. Take the parameters of the best fit and their errors.
-    2. Refuse a fit that does not describe the measurements, or that they do not determine.
-    3. Look for a cause of what the misfit has left.
+    Arguments:
+        search: the search.
+        model: the curve of the contact.
+        dimensions: those of the zeros that are fitted, by name.
+        shift: the error of the loads that they have in common.
     """
-    model, plan = inputs.fits()
-    problem = plan.problem
-    best = found.best.point
-    is_fitted = ~plan.held
+    problem = search.problem
+    best = search.best.point
     values = problem.values(best.free)
-    parameters, zeros = model.parts(values)
-    errors = _errors_of(plan, found, inputs.zeros)
-    standard_errors, zero_errors = model.parts(errors.standard)
-    by_kind = inputs.zeros.by_kind
-    result = RESULTS.where(
-        _is_unfit(plan, best, errors) & jnp.isfinite(best.loss), RESULTS.no_fit, found.result
-    )
-    fitted = dict(inputs.fitted)
-    fit = Calibration(
+    errors = _errors_of(search, shift)
+    is_fitted = ~problem.held
+    result = search.result
+    if np.isfinite(best.loss) and _is_unfit(problem, best, errors):
+        result = RESULTS.no_fit
+    number = len(ZEROS)
+    zeros = dict(zip(ZEROS, values[-number:], strict=True))
+    zero_errors = {
+        f"{name}_error": error for name, error in zip(ZEROS, errors.standard[-number:], strict=True)
+    }
+    picked = model.where(model.contact)
+    return Calibration(
         contact=model.contact_at(values),
-        parameters=model.unravel(parameters),
-        standard_errors=model.unravel(standard_errors),
-        **by_kind(zeros),
-        **{f"{kind}_error": error for kind, error in by_kind(zero_errors).items()},
-        covariance=errors.covariance[is_fitted][:, is_fitted],
-        mean_pressure=best.mean_pressure,
-        load=problem.measured.load,
-        measured=problem.measured.mean_pressure,
-        area=inputs.contact.area,
-        loss=best.loss,
-        residual=found.best.residual,
-        num_steps=found.num_steps,
-        num_minima=found.num_minima,
-        profile=profile_of(found, problem),
+        parameters=with_values(picked, values[:-number]),
+        standard_errors=with_values(picked, errors.standard[:-number]),
+        **{name: array(value) for name, value in (zeros | zero_errors).items()},
+        covariance=array(errors.covariance[is_fitted][:, is_fitted]),
+        mean_pressure=array(best.mean_pressure),
+        load=model.loads,
+        measured=array(problem.measured.mean_pressure),
+        area=model.contact.area,
+        loss=array(best.loss),
+        residual=array(search.best.residual),
+        num_steps=array(search.num_steps),
+        num_minima=array(search.num_minima),
+        profile=profile_of(search),
         result=result,
-        losses=found.starts.losses,
-        results=found.starts.results,
-        names=(*inputs.where.names, *fitted),
-        dimensions=(*inputs.where.dimensions, *fitted.values()),
+        losses=array([fit.point.loss for fit in search.starts]),
+        results=RESULTS(array([fit.result.code for fit in search.starts])),
+        names=(*model.where.names, *dimensions),
+        dimensions=(*model.where.dimensions, *dimensions.values()),
     )
-    return fit, _hints_of(plan, found, inputs.zeros)
 
 
 class _Errors(NamedTuple):
@@ -427,90 +315,86 @@ class _Errors(NamedTuple):
 
     standard: Values
     relative: Values
-    covariance: Float[Array, "parameters parameters"]
+    covariance: Float[np.ndarray, "parameters parameters"]
 
 
-def _errors_of(plan: Plan, found: Search, zeros: Zeros) -> _Errors:
+def _errors_of(search: Search, shift: Curve) -> _Errors:
     """Return the errors of the parameters.
 
     They are those of the slopes of the curve, raised to those of the profile, and added to them is
-    the effect of the error of a drift that is not fitted, which the loads have in common.
+    the effect of an error that all loads have in common.
     """
-    problem = plan.problem
-    best = found.best.point
+    problem = search.problem
+    best = search.best.point
     slopes = problem.slopes(best.free)
-    of_slopes = directions(problem, best, plan.held).covariance
-    relative = jnp.sqrt(jnp.diag(of_slopes))
-    of_profile = found.errors(problem, plan.held, relative * slopes)
-    factors = jnp.where(relative > 0, of_profile / relative, 0)
-    in_common = jnp.zeros_like(relative)
-    if zeros.drift_error is not None:
-        # The drift is the last of the zeros.
-        shifted = replace(best, misfit=best.jacobian[:, -1] * zeros.drift_error)
-        in_common = directions(problem, shifted, plan.held).newton * slopes
+    of_slopes = directions(problem, best)
+    relative = of_slopes.errors
+    of_profile = search.errors(relative * slopes)
+    factors = np.sign(relative)
+    np.divide(of_profile, relative, out=factors, where=(relative > 0) & np.isfinite(relative))
+    # An offset moves all loads alike.
+    moved = best._replace(misfit=best.jacobian[:, -len(ZEROS)] * shift)
+    in_common = directions(problem, moved).newton * slopes
     return _Errors(
-        standard=jnp.hypot(of_profile, in_common),
+        standard=np.hypot(of_profile, in_common),
         relative=relative,
-        covariance=factors[:, None] * of_slopes * factors + jnp.outer(in_common, in_common),
+        covariance=factors[:, None] * of_slopes.covariance * factors
+        + np.outer(in_common, in_common),
     )
 
 
-def _is_unfit(plan: Plan, best: Evaluation, errors: _Errors) -> Flag:
+def _is_unfit(problem: FitProblem, best: Evaluation, errors: _Errors) -> bool:
     """Return whether a fit is none: worse than a constant, or with parameters at their bounds."""
-    problem = plan.problem
-    is_fitted = ~plan.held
+    is_fitted = ~problem.held
     # What remains of the measurements beside a constant.
     constant = replace(problem.measured, has_baseline=True).deviation
-    remains = jnp.sum(constant**2) / jnp.sum(problem.measured.deviation**2) / 2
-    is_far = best.loss > jnp.minimum(_LARGEST_LOSS, remains)
+    remains = np.sum(constant**2) / np.sum(problem.measured.deviation**2) / 2
+    is_far = best.loss > min(_LARGEST_LOSS, remains)
     bound = np.log(FARTHEST)
-    is_at_bound = (jnp.abs(best.free) > bound) | ~(errors.relative < bound)
-    is_known = jnp.all(jnp.isfinite(jnp.where(is_fitted, errors.standard, 0)))
-    return is_far | jnp.any(is_at_bound & problem.is_log & is_fitted) | ~is_known
+    is_at_bound = (np.abs(best.free) > bound) | ~(errors.relative < bound)
+    is_known = np.all(np.isfinite(errors.standard[is_fitted]))
+    return bool(is_far or np.any(is_at_bound & problem.is_log & is_fitted) or not is_known)
 
 
-def _hints_of(plan: Plan, found: Search, zeros: Zeros) -> Hints:
+def _hints_of(search: Search) -> Hints:
     """Return what a Gauss-Newton step of all variables, offset and baseline too, hints at."""
-    best = found.best.point
+    problem = search.problem
+    best = search.best.point
     # A tilt is not advised: what looks like one may be the far end of an attraction.
-    kinds = np.array(zeros.kinds)
-    advised = ("offset", "baseline")
-    is_held = plan.held.copy()
-    is_held[-len(kinds) :] &= ~np.isin(kinds, advised)
-    step = directions(plan.problem, best, is_held).newton
+    held = problem.held.copy()
+    held[-len(ZEROS) : -1] = False
+    step = directions(problem.holding(held), best).newton
     left = best.misfit - best.jacobian @ step
-    missing = (step * plan.held)[-len(kinds) :]
-    basis = _basis(best, ~plan.held)
+    basis = _basis(best, ~problem.held)
     return Hints(
-        guess=found.guess,
-        zeros=-jnp.stack([jnp.mean(missing[kinds == kind]) for kind in advised]),
-        drop=1 - jnp.sum(left**2) / (2 * best.loss),
+        guess=search.guess,
+        zeros=-(step * problem.held)[-len(ZEROS) : -1],
+        drop=1 - float(np.sum(left**2) / max(np.sum(best.misfit**2), _PRECISION.tiny)),
         relief=_relief(best, basis),
-        drift=_drift(best, basis, plan.problem.measured.roots),
+        drift=_drift(best, basis, problem.measured.roots),
     )
 
 
 def _basis(best: Evaluation, is_fitted: Any) -> Rows:
     """Return an orthonormal basis of the changes of the curve, zero where there are fewer."""
     rows = best.jacobian[:, is_fitted]
-    norms = jnp.linalg.norm(rows, axis=0)
-    axes, sizes, _ = jnp.linalg.svd(rows / jnp.where(norms > 0, norms, 1), False)
-    is_there = sizes > jnp.finfo(sizes.dtype).eps * len(rows) * jnp.max(sizes)
-    return axes * is_there
+    norms = np.linalg.norm(rows, axis=0)
+    axes, sizes, _ = np.linalg.svd(rows / np.where(norms > 0, norms, 1), full_matrices=False)
+    return axes * (sizes > _PRECISION.eps * len(rows) * np.max(sizes))
 
 
 def _relief(best: Evaluation, basis: Rows) -> Curve:
     """Return the fraction of the sum of squares that each measurement takes with it, left out."""
-    leverage = jnp.sum(basis**2, axis=1)
+    leverage = np.sum(basis**2, axis=1)
     squares = best.misfit**2
-    alone = jnp.maximum(1 - leverage, jnp.finfo(leverage.dtype).eps ** 0.5)
-    return squares / alone / jnp.maximum(jnp.sum(squares), jnp.finfo(squares.dtype).tiny)
+    alone = np.maximum(1 - leverage, _PRECISION.eps**0.5)
+    return squares / alone / max(np.sum(squares), _PRECISION.tiny)
 
 
-def _drift(best: Evaluation, basis: Rows, roots: Curve) -> Scalar:
+def _drift(best: Evaluation, basis: Rows, roots: Curve) -> float:
     """Return the fraction of the sum of squares that a drift would remove."""
-    line = roots * jnp.linspace(-1, 1, roots.size)
+    line = roots * np.linspace(-1, 1, roots.size)
     line -= basis @ (basis.T @ line)
     left = best.misfit - basis @ (basis.T @ best.misfit)
-    both = jnp.sum(line**2) * jnp.sum(left**2)
-    return jnp.sum(line * left) ** 2 / jnp.maximum(both, jnp.finfo(both.dtype).tiny)
+    both = np.sum(line**2) * np.sum(left**2)
+    return float(np.sum(line * left) ** 2 / max(both, _PRECISION.tiny))

@@ -2,17 +2,18 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, is_dataclass
+from itertools import pairwise
 from typing import Literal
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jax.flatten_util import ravel_pytree
-from jaxtyping import Array, PyTree
+import numpy as np
+from jaxtyping import Array, Float, PyTree
 
-from jaxstab.calibration.least_squares import Curve, Rows, Values
-from jaxstab.calibration.zeros import Zeros
 from jaxstab.contact import Contact
+from jaxstab.core.checks import as_array
+from jaxstab.core.compile import program
 from jaxstab.core.results import RESULTS
 from jaxstab.core.types import Scalar
 from jaxstab.core.units import NUMBER, declared
@@ -22,10 +23,11 @@ from jaxstab.equilibrium.posing import as_given, posed
 from jaxstab.equilibrium.start import start_of
 from jaxstab.loads import Load
 
+Values = Float[Array | np.ndarray, " parameters"]
 Order = Literal["continuation", "independent"]
 Where = Callable[[Contact], PyTree]
-# A load, and what one unit of each zero adds to the load and to the measured pressure.
-_Entry = tuple[Load, Values, Values]
+# The zeros of loads and measurements, the last of the parameters.
+ZEROS = ("offset", "baseline", "tilt")
 
 
 @dataclass(frozen=True)
@@ -97,65 +99,69 @@ def _dimension(tree: PyTree, path: jax.tree_util.KeyPath) -> str:
     return (*parts, NUMBER)[0]
 
 
-def values_of(tree: PyTree) -> tuple[Values, Callable[[Values], PyTree]]:
-    """Return the floating-point leaves of a pytree as a vector, and the inverse function."""
-    leaves, rest = eqx.partition(tree, eqx.is_inexact_array)
-    values, unravel = ravel_pytree(leaves)
-    return values, lambda values: eqx.combine(unravel(values), rest)
+def values_of(tree: PyTree) -> np.ndarray:
+    """Return the numbers of the floating-point leaves of a pytree."""
+    return np.concatenate([np.zeros(0), *map(np.ravel, jax.tree.leaves(_numbers(tree)))])
 
 
-@dataclass(frozen=True)
-class Model:
-    """A contact as a function of a vector of parameters.
+def with_values(tree: PyTree, values: Values) -> PyTree:
+    """Return a pytree with other numbers in its floating-point leaves."""
+    leaves, structure = jax.tree.flatten(_numbers(tree))
+    ends = np.cumsum([0, *(leaf.size for leaf in leaves)]).tolist()
+    parts = [
+        as_array(values[first:last].reshape(leaf.shape))
+        for (first, last), leaf in zip(pairwise(ends), leaves, strict=True)
+    ]
+    return eqx.combine(jax.tree.unflatten(structure, parts), tree)
 
-    The last numbers of the vector are the zeros: those of the loads, and those of the measurements,
-    which are forces over the area, or pressures with an area of one.
+
+def _numbers(tree: PyTree) -> PyTree:
+    return eqx.filter(tree, eqx.is_inexact_array)
+
+
+class Model(eqx.Module):
+    """The curve of a contact as a function of a vector of parameters.
+
+    The last numbers of the vector are the zeros: the offset of the loads, the baseline of the
+    measurements and its tilt over the load. These are forces over the area, or pressures with an
+    area of one.
     """
 
     contact: Contact
-    where: Pick
-    unravel: Callable[[Values], PyTree]
     loads: Load
-    zeros: Zeros
     area: Scalar
-    order: Order
-
-    def parts(self, values: Values) -> tuple[Values, Values]:
-        """Return the parameters of the contact and the zeros."""
-        number = len(values) - len(self.zeros.names)
-        return values[:number], values[number:]
+    where: Pick = eqx.field(static=True)
+    order: Order = eqx.field(static=True)
 
     def contact_at(self, values: Values) -> Contact:
         """Return the contact with other parameters."""
-        return eqx.tree_at(self.where, self.contact, self.unravel(self.parts(values)[0]))
+        picked = with_values(self.where(self.contact), values[: -len(ZEROS)])
+        return eqx.tree_at(self.where, self.contact, picked)
 
-    def curve(self, values: Values) -> tuple[Curve, Rows]:
+    @program
+    def curve(self, values: Values) -> tuple[Array, Array]:
         """Return the mean pressures at the loads and their Jacobian, NaN without an equilibrium."""
         at_load = jax.value_and_grad(self._pressure, has_aux=True)
 
-        shifts, forces = self.zeros.responses()
-        entries = self.loads, shifts, forces / self.area
-
-        def follow(start: Array, entry: _Entry) -> tuple[Array, tuple[Array, Array]]:
-            (pressure, gap), row = at_load(values, entry, start)
+        def follow(start: Array, load: Load) -> tuple[Array, tuple[Array, Array]]:
+            (pressure, gap), row = at_load(values, load, start)
             return jnp.where(jnp.isnan(pressure), start, gap), (pressure, row)
 
         if self.order == "independent":
-            (pressures, _), rows = jax.vmap(lambda entry: at_load(values, entry, None))(entries)
+            (pressures, _), rows = jax.vmap(lambda load: at_load(values, load, None))(self.loads)
             return pressures, rows
         first = jax.tree.map(lambda leaf: leaf[0], self.loads)
         start = self.contact.control(first).starting_gap(self.contact.heights)
-        return jax.lax.scan(follow, start, entries)[1]
+        return jax.lax.scan(follow, start, self.loads)[1]
 
-    def _pressure(self, values: Values, entry: _Entry, start: Array | None) -> tuple[Array, Array]:
+    def _pressure(self, values: Values, load: Load, start: Array | None) -> tuple[Array, Array]:
         """Return the mean pressure at one load, and the gap, the start of the next load."""
-        load, shift, baseline = entry
-        zeros = self.parts(values)[1]
-        load = load.at(load.value - shift @ zeros)
-        problem = posed(self.contact_at(values), load)
+        offset, baseline, tilt = values[-len(ZEROS) :]
+        zero = (baseline + tilt * load.value) / self.area
+        problem = posed(self.contact_at(values), load.at(load.value - offset))
         gap = start_of(problem.contact, problem.state, start)
         found = as_given(
             solved(problem.contact, problem.state, PreconditionedConjugateGradient(), gap), problem
         )
         is_found = found.result == RESULTS.successful
-        return jnp.where(is_found, found.mean_pressure, jnp.nan) + baseline @ zeros, found.gap
+        return jnp.where(is_found, found.mean_pressure, jnp.nan) + zero, found.gap

@@ -9,7 +9,7 @@ from difflib import get_close_matches
 from pathlib import Path
 from typing import Any, NoReturn
 
-from jaxstab.core.text import decoded
+from jaxstab.core.text import text_of
 
 # How a command ends.
 FAILED = 1
@@ -112,7 +112,7 @@ def from_config(parser: Parser, path: Path) -> list[str]:
     arguments = []
     seen = set[str]()
     try:
-        text = decoded(path.read_bytes())
+        text = text_of(path.read_bytes())
         if text is None:
             raise ValueError("it is no text")
         items = [*tomllib.loads(text).items()]

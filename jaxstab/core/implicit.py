@@ -136,7 +136,7 @@ def _without_derivatives(tree: Tree) -> Tree:
 @_without_derivatives.defjvp
 def _refuse(primals: tuple[Tree], tangents: tuple[Tree]) -> tuple[Tree, Tree]:
     raise NotImplementedError(
-        "lowest_modes, calibrate and continuation cannot be differentiated: apply "
+        "lowest_modes and continuation cannot be differentiated: apply "
         "jax.lax.stop_gradient to the arguments, or take the derivatives of equilibrate, "
         "assess_stability or critical_load."
     )

@@ -13,7 +13,7 @@ _MARKS = {
 }
 
 
-def decoded(content: bytes) -> str | None:
+def text_of(content: bytes) -> str | None:
     """Return the text of a file in UTF-8, UTF-16, UTF-32 or Latin-1, None for binary content."""
     # The mark of UTF-32 begins with the one of UTF-16, and comes first.
     encoding = next((name for mark, name in _MARKS.items() if content.startswith(mark)), None)

@@ -5,7 +5,6 @@ from jaxstab.contact.resolution import ResolutionWarning
 from jaxstab.core.results import SolverError
 from jaxstab.equilibrium.posing import WindowWarning
 from jaxstab.equilibrium.validity import ContactWarning
-from jaxstab.force_curves import ForceCurveWarning
 from jaxstab.loading.sweep import SweepInterrupted
 from jaxstab.loads import MachineWarning
 from jaxstab.solids import RelaxationWarning
@@ -17,7 +16,6 @@ from jaxstab.surfaces import SurfaceWarning
 __all__ = [
     "ContactWarning",
     "FitWarning",
-    "ForceCurveWarning",
     "MachineWarning",
     "PathInterrupted",
     "RelaxationWarning",

@@ -1,11 +1,14 @@
+from . import force_curves
 from .fit import FitErrors, ForceCurveFit
 from .fit_curve import fit_curve
+from .fit_each import Fits, fit_each
 from .report import Wording, report
 from .tips import Cone, FlatPunch, Paraboloid, Pyramid, Sphere, Tip
 
 __all__ = [
     "Cone",
     "FitErrors",
+    "Fits",
     "FlatPunch",
     "ForceCurveFit",
     "Paraboloid",
@@ -14,5 +17,7 @@ __all__ = [
     "Tip",
     "Wording",
     "fit_curve",
+    "fit_each",
+    "force_curves",
     "report",
 ]

@@ -62,7 +62,7 @@ class ForceCurveFit:
     result: js.RESULTS
     misfit: float
     noise: float
-    curve: js.force_curves.ForceCurve
+    curve: js.lab.force_curves.ForceCurve
     segment: Literal["approach", "retraction"]
     tip: Tip | FlatPunch
     poisson_ratio: float
@@ -97,8 +97,8 @@ class ForceCurveFit:
 
 def _rows(fit: ForceCurveFit) -> Iterator[tuple[str, str, str, str, str]]:
     # One metre and one newton in the units of the curve.
-    unit = js.force_curves.ForceCurve(
-        js.force_curves.Segment(np.ones(1), np.ones(1)), None
+    unit = js.lab.force_curves.ForceCurve(
+        js.lab.force_curves.Segment(np.ones(1), np.ones(1)), None
     ).in_units(fit.curve.unit, fit.curve.force_unit)
     assert unit.approach is not None
     length, force = unit.approach.height[0], unit.approach.force[0]

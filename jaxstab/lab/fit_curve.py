@@ -64,7 +64,7 @@ _WEIGHINGS = 2
 
 
 def fit_curve(
-    curve: js.force_curves.ForceCurve,
+    curve: js.lab.force_curves.ForceCurve,
     tip: Tip | FlatPunch,
     poisson_ratio: float = 0.5,
     segment: Part = "approach",
@@ -96,10 +96,10 @@ def fit_curve(
     Warns:
         FitWarning: if the result is not `successful`; the message has the reason.
     """
-    if not isinstance(curve, js.force_curves.ForceCurve):
+    if not isinstance(curve, js.lab.force_curves.ForceCurve):
         raise TypeError(
             f"The curve is a {type(curve)}: give a ForceCurve, as "
-            "jaxstab.force_curves.read returns it, one of several by its number."
+            "jaxstab.lab.force_curves.read returns it, one of several by its number."
         )
     if not isinstance(tip, Tip | FlatPunch):
         raise TypeError(
@@ -115,7 +115,7 @@ def fit_curve(
     if curve.spring_constant is None:
         raise ValueError(
             "The curve has no spring constant, without which indentations are unknown: give it in "
-            "N/m, as in js.force_curves.read(path, spring_constant=0.2)."
+            "N/m, as in js.lab.force_curves.read(path, spring_constant=0.2)."
         )
     if curve.correction is None:
         curve = curve.corrected()
@@ -163,7 +163,7 @@ class _Data(NamedTuple):
     drift_error: float
 
     @classmethod
-    def of(cls, curve: js.force_curves.ForceCurve, name: Part) -> _Data:
+    def of(cls, curve: js.lab.force_curves.ForceCurve, name: Part) -> _Data:
         """Return the data of a segment of a corrected curve in SI units."""
         segment = getattr(curve, name)
         correction = curve.correction
@@ -498,7 +498,7 @@ def _long_variance(values: np.ndarray, freedom: int) -> float:
 
 
 def _finished(
-    curve: js.force_curves.ForceCurve,
+    curve: js.lab.force_curves.ForceCurve,
     model: _Model,
     found: OptimizeResult,
     ranges: tuple[float, float] | None,
@@ -525,7 +525,7 @@ def _finished(
         forces = forces[::-1]
     fitted = np.full(len(points), np.nan)
     fitted[points.is_present] = forces
-    own = js.force_curves.ForceCurve(js.force_curves.Segment(fitted, points.height), None)
+    own = js.lab.force_curves.ForceCurve(js.lab.force_curves.Segment(fitted, points.height), None)
     own = own.in_units(curve.unit, curve.force_unit).approach
     assert own is not None
     inside = _misfit(model, found.x)[data.height + data.force / data.stiffness < numbers[1]]

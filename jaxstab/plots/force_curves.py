@@ -1,20 +1,36 @@
 """Measured force curves."""
 
-from typing import Literal
+from collections.abc import Mapping
+from typing import Any, Literal, Protocol
 
 from matplotlib.axes import Axes
 
-from jaxstab.core.checks import require_kind, require_one_of
+from jaxstab.core.checks import require_one_of
 from jaxstab.core.units import in_brackets
-from jaxstab.force_curves import ForceCurve
 from jaxstab.plots.style import BLUE, PURPLE, VERMILION, add_legend, axes_or_new, draw_zero
 
 _COLOURS = {"approach": BLUE, "retraction": VERMILION}
 _ABSCISSAE = {"height": "height", "tip_position": "tip position", "time": "time"}
 
 
+class _ForceCurve(Protocol):
+    """A `jaxstab.lab.force_curves.ForceCurve`."""
+
+    @property
+    def segments(self) -> Mapping[str, Any]: ...
+
+    @property
+    def spring_constant(self) -> float | None: ...
+
+    @property
+    def unit(self) -> str: ...
+
+    @property
+    def force_unit(self) -> str: ...
+
+
 def force_curve(
-    curve: ForceCurve,
+    curve: _ForceCurve,
     abscissa: Literal["height", "tip_position", "time"] | None = None,
     *,
     axes: Axes | None = None,
@@ -22,7 +38,7 @@ def force_curve(
     """Draw a measured force curve: its segments over tip position, height or time.
 
     Arguments:
-        curve: a result of `jaxstab.force_curves.read`.
+        curve: a result of `jaxstab.lab.force_curves.read`.
         abscissa: by default the tip position, or the height if the spring constant is unknown.
         axes: the axes to draw on; new ones by default.
 
@@ -30,7 +46,9 @@ def force_curve(
         TypeError: for anything but a curve, such as several.
         ValueError: for another abscissa, and one that the curve lacks.
     """
-    require_kind(curve, ForceCurve, "no force curve: give a result of jaxstab.force_curves.read.")
+    if not isinstance(getattr(curve, "segments", None), Mapping):
+        cure = "give a result of jaxstab.lab.force_curves.read"
+        raise TypeError(f"{type(curve).__name__} is no force curve: {cure}.")
     if abscissa is None:
         abscissa = "tip_position"
         if curve.spring_constant is None:

@@ -2,7 +2,7 @@
 
 from jaxstab.branches import BarrierLaw, Branch, FirstJump, Turn
 from jaxstab.branches.differentiable_limit import CriticalLoad
-from jaxstab.calibration import Calibration, Calibrations
+from jaxstab.calibration import Calibration
 from jaxstab.contact.extrapolation import Extrapolation
 from jaxstab.core.history import History
 from jaxstab.equilibrium import Equilibrium
@@ -23,7 +23,6 @@ __all__ = [
     "BarrierLaw",
     "Branch",
     "Calibration",
-    "Calibrations",
     "Conductance",
     "CriticalLoad",
     "Detachment",

@@ -5,6 +5,7 @@ measured surface is a `Topography`, read from a file by `read`, with its grid, i
 methods to prepare it for a contact.
 """
 
+from jaxstab.core.text import text_of
 from jaxstab.surfaces.faults import SurfaceWarning as SurfaceWarning
 from jaxstab.surfaces.generated import self_affine, sinusoid
 from jaxstab.surfaces.power_law import PowerLaw, power_law
@@ -52,6 +53,7 @@ __all__ = [
     "self_affine",
     "sinusoid",
     "sphere",
+    "text_of",
     "tip",
     "wavy_sphere",
 ]

@@ -15,7 +15,7 @@ import numpy as np
 from jaxstab.core.checks import file_named_in_errors
 from jaxstab.core.display import times
 from jaxstab.core.grid import Grid
-from jaxstab.core.text import decoded
+from jaxstab.core.text import text_of
 from jaxstab.core.types import ArrayLike
 from jaxstab.surfaces import faults
 from jaxstab.surfaces.formats.arrays import read_arrays
@@ -101,7 +101,7 @@ def _scan(path: Path, channel: str | None) -> Scan:
     if content.startswith(_NETCDF):
         read_own = partial(read_netcdf, content, channel)
     else:
-        text = decoded(content)
+        text = text_of(content)
         if text is None or _CONTROL.search(text):
             return read_instrument(source, channel)
         read_own = partial(read_text, text, channel)

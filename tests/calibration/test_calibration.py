@@ -74,20 +74,22 @@ def test_an_exact_curve_gives_potential_and_modulus_exactly(start, exact, exact_
 @pytest.mark.usefixtures("interruptible")
 @pytest.mark.parametrize("number", [0, 3])
 def test_an_interrupt_loses_no_fit_that_has_ended(start, exact, number, monkeypatch):
-    module = importlib.import_module("jaxstab.calibration.calibrate")
-    one_more_fit = module.one_more_fit
+    module = importlib.import_module("jaxstab.calibration.search")
+    minimise = module.minimise
+    done = []
 
-    def interrupted(inputs, i, found):
-        if i == number:
+    def interrupted(*args):
+        if len(done) == number:
             signal.raise_signal(signal.SIGINT)
-        return one_more_fit(inputs, i, found)
+        done.append(minimise(*args))
+        return done[-1]
 
-    monkeypatch.setattr(module, "one_more_fit", interrupted)
+    monkeypatch.setattr(module, "minimise", interrupted)
     if number == 0:
         with pytest.raises(KeyboardInterrupt):
             js.calibrate(start, LOAD, exact)
         return
-    with pytest.warns(js.exceptions.FitWarning, match="3 of 41 fits are done"):
+    with pytest.warns(js.exceptions.FitWarning, match="interrupted: 3 fits are done"):
         fit = js.calibrate(start, LOAD, exact)
     assert fit.result == "interrupted"
     law, modulus = fit.parameters
@@ -175,6 +177,7 @@ def test_failure_is_told(start, exact):
         ({"mean_pressure": jnp.full(16, jnp.nan)}, "curve is nan at"),
         ({"weights": -jnp.ones(16)}, "not negative"),
         ({"weights": jnp.ones(3)}, "The weights have shape"),
+        ({"load_error": jnp.ones(3)}, "error of the loads has shape"),
         ({"forces": jnp.ones(16)}, "Give the measurements once"),
         ({"baseline": True, "mean_pressure": jnp.ones(16)}, "differ from the others"),
         ({"order": "random"}, "choose"),
@@ -195,14 +198,13 @@ def test_impossible_input_is_refused(start, exact, change, message):
         js.calibrate(start, **arguments)
 
 
-def test_under_jit_too_few_measurements_are_refused(start):
-    def fit(weights):
-        return js.calibrate(
-            start, js.MeanGap(jnp.ones(2)), jnp.ones(2), where=potential, weights=weights
-        ).loss
+@pytest.mark.parametrize("transformed", [jax.jit, jax.vmap])
+def test_transformations_are_refused(start, exact, transformed):
+    def loss(curve):
+        return js.calibrate(start, LOAD, curve).loss
 
-    with pytest.raises(ValueError, match="2 parameters for 2"):
-        jax.eval_shape(fit, jnp.ones(2))
+    with pytest.raises(TypeError, match="calibrate works on known numbers"):
+        transformed(loss)(exact[None])
 
 
 class Bonds(eqx.Module):

@@ -24,7 +24,6 @@ SLOW = (
     "humidity",
     "loop",
     "model",
-    "modulus",
     "paper",
     "particles",
     "pillars",
@@ -70,7 +69,7 @@ def test_the_readmes_examples_run_and_reach_a_verdict(capsys, tmp_path, monkeypa
 def test_a_pages_blocks_run_in_order_and_print_what_it_shows(path, capsys, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     # The file that a page offers.
-    shutil.copy(ROOT / "tests" / "force_curves" / "spot3-0192.jpk-force", tmp_path)
+    shutil.copy(ROOT / "tests" / "lab" / "force_curves" / "spot3-0192.jpk-force", tmp_path)
     namespace = {}
     for number, (code, *tolerances, shown) in enumerate(BLOCK.findall(path.read_text())):
         # With a source to be found, as that of a notebook's cell is.
@@ -135,7 +134,7 @@ def test_signatures_as_help_prints_them_are_short():
     functions = {name: item for name, item in public.items() if inspect.isroutine(item)}
     assert {"jaxstab.calibrate", "jaxstab.sweep"} <= set(functions)
     lengths = {name: len(str(inspect.signature(item))) for name, item in functions.items()}
-    # `calibrate` has 16 arguments, the others fewer.
+    # `calibrate` has 15 arguments, the others fewer.
     too_long = {name: n for name, n in lengths.items() if n > 450}
     assert list(too_long) == ["jaxstab.calibrate"] and too_long["jaxstab.calibrate"] < 600
 

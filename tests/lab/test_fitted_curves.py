@@ -89,12 +89,12 @@ def test_correlated_noise_makes_errors_larger():
         noise = random.normal(size=(2, 2000 + length - 1))
         noise = [np.convolve(one, np.ones(length) / np.sqrt(length), "valid") for one in noise]
         segments = {
-            name: js.force_curves.Segment(
+            name: js.lab.force_curves.Segment(
                 part.force + 0.05 * extra, part.height, part.tip + 0.05 * extra / 0.5, part.time
             )
             for (name, part), extra in zip(curve.segments.items(), noise, strict=True)
         }
-        curve = js.force_curves.ForceCurve(
+        curve = js.lab.force_curves.ForceCurve(
             **segments, spring_constant=0.5, unit=UNITS[0], force_unit=UNITS[1]
         )
         return js.lab.fit_curve(curve, TIP, 0.0)
@@ -127,7 +127,7 @@ def test_curves_that_lack_something_are_refused():
     curve = recorded(hertz(), 3, parts=("retraction",))
     with pytest.raises(ValueError, match="no approach"):
         js.lab.fit_curve(curve, TIP)
-    loose = js.force_curves.ForceCurve(curve.retraction, None)
+    loose = js.lab.force_curves.ForceCurve(curve.retraction, None)
     with pytest.raises(ValueError, match="no spring constant"):
         js.lab.fit_curve(loose, TIP)
 
@@ -146,8 +146,8 @@ def test_tips_in_other_units_are_refused():
 def test_a_real_curve_agrees_with_hertz(tmp_path):
     from pathlib import Path
 
-    path = Path(__file__).parents[1] / "force_curves" / "spot3-0192.jpk-force"
-    curve = js.force_curves.read(path)
+    path = Path(__file__).parent / "force_curves" / "spot3-0192.jpk-force"
+    curve = js.lab.force_curves.read(path)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", js.exceptions.FitWarning)
         fit = js.lab.fit_curve(curve, js.lab.Paraboloid(18.6e-6))

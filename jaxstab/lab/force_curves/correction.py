@@ -6,9 +6,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from jaxstab.core.accuracy import SIGNIFICANT
-from jaxstab.core.units import typeset
-from jaxstab.force_curves.segment import (
+from jaxstab.lab.force_curves.segment import (
+    SIGNIFICANT,
     Segment,
     block_means,
     scaled,
@@ -117,7 +116,7 @@ class Correction:
 
     def rows(self, unit: str, force_unit: str) -> Iterator[tuple[str, str]]:
         """Yield a name and a text for each number, with its error and its unit."""
-        slope = typeset(f"{force_unit}/{unit}")
+        slope = f"{force_unit}/{unit}"
         for name, line in self._baselines():
             force = _with_error(line.force, line.force_error)
             tilt = _with_error(line.slope, line.slope_error)

@@ -1,23 +1,28 @@
 """A measured force curve: approach and retraction, with the cantilever that measured them."""
 
+import re
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from jaxstab.core.accuracy import SIGNIFICANT
-from jaxstab.core.checks import require_one_of
-from jaxstab.core.optional_packages import require_packages
-from jaxstab.core.units import FORCES, LENGTHS, symbol_of, typeset, unit_of
-from jaxstab.force_curves.correction import Correction, correct
-from jaxstab.force_curves.segment import Segment, scaled, tip_from_height
+from jaxstab.lab.force_curves.correction import Correction, correct
+from jaxstab.lab.force_curves.segment import (
+    FORCES,
+    LENGTHS,
+    SIGNIFICANT,
+    Segment,
+    scaled,
+    tip_from_height,
+)
+from jaxstab.units import unit_of
 
 # Xarray is imported where it is used, since its import is slow.
 if TYPE_CHECKING:
     import xarray
 
-BASELINES = ("linear", "constant")
+_BASELINES = ("linear", "constant")
 # The parts of a curve that is far from the sample, and deepest in it.
 _FAR = 0.25
 _DEEP = 0.02
@@ -117,7 +122,7 @@ class ForceCurve:
             ValueError: for another baseline, for fewer than 50 points of a segment, and where no
                 part of the curve is free of force, or none in contact.
         """
-        require_one_of("baseline", baseline, BASELINES)
+        require_baseline(baseline)
         segments, correction, remarks = correct(
             self.segments, self.spring_constant, baseline == "linear"
         )
@@ -141,7 +146,12 @@ class ForceCurve:
             ValueError: for other units.
         """
         unit = unit_of(unit)
-        force_unit = symbol_of("force", force_unit, FORCES)
+        # Micro is written as u, or as a Greek letter.
+        force_unit = re.sub("^(u|\u03bc)", "µ", force_unit)
+        if force_unit not in FORCES:
+            raise ValueError(
+                f"the unit of force is {force_unit!r}: choose one of {', '.join(FORCES)}."
+            )
         length = 10.0 ** (LENGTHS[self.unit] - LENGTHS[unit])
         force = 10.0 ** (FORCES[self.force_unit] - FORCES[force_unit])
         curve = self._each(lambda segment: segment.scaled(length, force))
@@ -178,8 +188,11 @@ class ForceCurve:
         Raises:
             ImportError: without xarray.
         """
-        require_packages("Labelled data sets", "data", "xarray")
-        import xarray
+        try:
+            import xarray
+        except ImportError as error:
+            cure = "Labelled data sets need xarray: pip install 'jaxstab[data]'."
+            raise ImportError(cure) from error
 
         units = {"height": self.unit, "tip_position": self.unit, "force": self.force_unit}
         variables = {}
@@ -254,7 +267,7 @@ class ForceCurve:
             ("force", segment.force, self.force_unit),
         ):
             lowest = f"{name} {np.nanmin(values):.4g}"
-            parts.append(f"{lowest} to {np.nanmax(values):.4g} {typeset(unit)}")
+            parts.append(f"{lowest} to {np.nanmax(values):.4g} {unit}")
         if segment.speed is not None:
             parts.append(f"{segment.speed:.4g} {self.unit}/s")
         return ", ".join(parts)
@@ -267,6 +280,12 @@ class ForceCurve:
         """Return the curve with each segment changed."""
         ends = {name: change(segment) for name, segment in self._ends()}
         return replace(self, **ends, pauses=tuple(map(change, self.pauses)))
+
+
+def require_baseline(baseline: object) -> None:
+    """Raise `ValueError` for another kind of baseline than those known."""
+    if baseline not in _BASELINES:
+        raise ValueError(f"baseline is {baseline!r}: choose one of {', '.join(_BASELINES)}.")
 
 
 def _is_reversed(segment: Segment) -> bool:

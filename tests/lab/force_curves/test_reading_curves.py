@@ -27,7 +27,7 @@ def table(titles=TITLES, *columns, comments="# spring constant: 0.5 N/m\n"):
 def read(folder, text, name="curve.csv", **options):
     path = folder / name
     path.write_text(text)
-    return js.force_curves.read(path, **options)
+    return js.lab.force_curves.read(path, **options)
 
 
 def test_named_columns_become_a_curve_in_si_units(tmp_path):
@@ -79,7 +79,7 @@ def test_one_curve_reads_alike_in_other_columns_and_units(
 def test_text_in_other_encodings_reads_alike(tmp_path, encoding, name):
     text = table("height [µm],force [nN]", HEIGHT / 1e3, FORCE)
     (tmp_path / name).write_bytes(text.encode(encoding))
-    curve = js.force_curves.read(tmp_path / name)
+    curve = js.lab.force_curves.read(tmp_path / name)
     np.testing.assert_allclose(curve.approach.height, 1e-9 * HEIGHT[:61], rtol=1e-12)
 
 
@@ -126,7 +126,7 @@ def test_units_are_converted_and_back(tmp_path):
     columns = (HEIGHT, FORCE, np.arange(102.0), np.full(102, 3.0), np.full(102, 4.0))
     comments = "# spring constant: 0.5 N/m\n# sensitivity: 50 nm/V\n"
     path.write_text(table(f"{TITLES},time [ms],x [um],y [um]", *columns, comments=comments))
-    curve = js.force_curves.read(path)
+    curve = js.lab.force_curves.read(path)
     assert np.isclose(curve.speed, 120e-9 / 60e-3)
     changed = curve.in_units("nm", "pN")
     np.testing.assert_allclose(changed.approach.force, 1e3 * FORCE[:61], rtol=1e-12)
@@ -218,7 +218,7 @@ def test_curves_that_are_none_are_left_out_and_named(tmp_path):
     force[204:] = np.nan
     columns = height, force, np.repeat(["a", "b", "c"], 102)
     message = r"2 of 3 curves are left out. .*curve b: its height is the same .*curve c: only 0 of"
-    with pytest.warns(js.exceptions.ForceCurveWarning, match=message):
+    with pytest.warns(js.lab.force_curves.ForceCurveWarning, match=message):
         curves = read(tmp_path, table(f"{TITLES},curve", *columns))
     assert len(curves) == 1
     np.testing.assert_allclose(curves[0].approach.force, 1e-9 * FORCE[:61], rtol=1e-12)
@@ -229,7 +229,9 @@ def test_curves_that_are_none_are_left_out_and_named(tmp_path):
 
 def test_reversed_forces_of_several_curves_are_told_once(tmp_path):
     columns = *(np.tile(column, 3) for column in (HEIGHT, -FORCE)), np.repeat([1, 2, 3], 102)
-    with pytest.warns(js.exceptions.ForceCurveWarning, match="3 of 3 curves look wrong") as said:
+    with pytest.warns(
+        js.lab.force_curves.ForceCurveWarning, match="3 of 3 curves look wrong"
+    ) as said:
         read(tmp_path, table(f"{TITLES},curve", *columns))
     assert len(said) == 1
 
@@ -279,7 +281,9 @@ def test_a_contradicted_spring_constant_is_refused(tmp_path):
 
 
 def test_forces_with_the_wrong_sign_are_noticed_and_reversed(tmp_path):
-    with pytest.warns(js.exceptions.ForceCurveWarning, match="attraction seems to be positive"):
+    with pytest.warns(
+        js.lab.force_curves.ForceCurveWarning, match="attraction seems to be positive"
+    ):
         curve = read(tmp_path, table(TITLES, HEIGHT, -FORCE))
     assert "looks wrong" in repr(curve)
     expected = read(tmp_path, table())
@@ -292,7 +296,7 @@ def test_forces_with_the_wrong_sign_are_noticed_and_reversed(tmp_path):
 
 def test_a_file_of_an_instrument_is_read():
     pytest.importorskip("afmformats")
-    curve = js.force_curves.read(JPK)
+    curve = js.lab.force_curves.read(JPK)
     assert (len(curve.approach), len(curve.retraction)) == (2000, 2000)
     # As the header of the file states them.
     assert np.isclose(curve.spring_constant, 0.043493666407368466)
@@ -308,12 +312,12 @@ def test_a_file_of_an_instrument_is_read():
 
 def test_formats_of_afmformats_read_alike(tmp_path):
     afmformats = pytest.importorskip("afmformats")
-    expected = js.force_curves.read(JPK)
+    expected = js.lab.force_curves.read(JPK)
     (data,) = afmformats.load_data(JPK)
     for kind, name in {"tab": "curve.tab", "hdf5": "curve.h5"}.items():
         metadata = ["spring constant", "enum", "imaging mode"]
         data.export_data(tmp_path / name, fmt=kind, metadata=metadata)
-        curve = js.force_curves.read(tmp_path / name)
+        curve = js.lab.force_curves.read(tmp_path / name)
         np.testing.assert_allclose(
             curve.retraction.tip_position, expected.retraction.tip_position, rtol=1e-6
         )
@@ -349,8 +353,8 @@ def test_a_map_with_holes_keeps_its_pixels(tmp_path):
     pixels = [(0, 0), (1, 0), (2, 0), (0, 1), (2, 1)]
     workshop_map(path, pixels)
     with pytest.raises(ValueError, match=r"lacks the spring constant \[N/m\] and the sensitivity"):
-        js.force_curves.read(path)
-    curves = js.force_curves.read(path, spring_constant=0.5, sensitivity=20e-9)
+        js.lab.force_curves.read(path)
+    curves = js.lab.force_curves.read(path, spring_constant=0.5, sensitivity=20e-9)
     np.testing.assert_array_equal(curves.numbers, [[0, 3], [1, -1], [2, 4]])
     np.testing.assert_array_equal(curves.on_map(np.arange(5.0))[1], [1, np.nan])
     np.testing.assert_allclose(curves[2].approach.force, 10e-9 * FORCE[:41], rtol=1e-12)
@@ -369,16 +373,16 @@ def test_unknown_and_damaged_files_are_refused(tmp_path, name, content, message,
     pytest.importorskip("afmformats")
     (tmp_path / name).write_bytes(content)
     with pytest.raises(ValueError, match=message):
-        js.force_curves.read(tmp_path / name)
+        js.lab.force_curves.read(tmp_path / name)
     assert capfd.readouterr().err == ""
     with pytest.raises(FileNotFoundError):
-        js.force_curves.read(tmp_path / "nothing.csv")
+        js.lab.force_curves.read(tmp_path / "nothing.csv")
 
 
 def test_without_afmformats_the_extra_is_named(tmp_path, monkeypatch):
     monkeypatch.setitem(__import__("sys").modules, "afmformats", None)
     with pytest.raises(ImportError, match=r"jaxstab\[afm\]"):
-        js.force_curves.read(JPK)
+        js.lab.force_curves.read(JPK)
     assert len(read(tmp_path, table()).approach) == 61
 
 

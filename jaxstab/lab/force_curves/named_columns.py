@@ -7,11 +7,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from jaxstab.core.units import FORCES, LENGTHS, unit_of, with_prefixes
-from jaxstab.force_curves.recording import Recording
+from jaxstab.lab.force_curves.recording import Recording
+from jaxstab.lab.force_curves.segment import FORCES, LENGTHS
+from jaxstab.units import unit_of
 
-_TIMES = with_prefixes("s", "", "m", "µ", "n")
-_VOLTAGES = with_prefixes("V", "", "m", "k")
+_TIMES = {"s": 0, "ms": -3, "µs": -6, "ns": -9}
+_VOLTAGES = {"V": 0, "mV": -3, "kV": 3}
 # Names of columns, as programs write them, and the kinds of their quantities.
 _NAMES = {
     "force": "force",

@@ -5,6 +5,13 @@ from typing import TypeVar, overload
 
 import numpy as np
 
+from jaxstab.units import powers_of_ten
+
+# The powers of ten of units.
+LENGTHS = powers_of_ten("length")
+FORCES = powers_of_ten("force")
+# A measured number is told from noise if it exceeds its standard error so many times.
+SIGNIFICANT = 5.0
 Value = TypeVar("Value", float, np.ndarray)
 
 # Forces are sought in means over so many blocks of points.
@@ -15,7 +22,7 @@ _CLIPPED = 8
 _FEWEST_VALUES = 16
 _NO_SPRING = (
     "The tip position is unknown, since the curve has no spring constant: give it in N/m, as in "
-    "js.force_curves.read(path, spring_constant=0.2)."
+    "js.lab.force_curves.read(path, spring_constant=0.2)."
 )
 
 

@@ -3,14 +3,14 @@
 import logging
 import warnings
 import zipfile
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from jaxstab.core.optional_packages import require_packages
-from jaxstab.force_curves.named_columns import agreed
-from jaxstab.force_curves.recording import Recording
+from jaxstab.lab.force_curves.named_columns import agreed
+from jaxstab.lab.force_curves.recording import Recording
 
 _UNITS = {"spring constant": "N/m", "sensitivity": "m/V"}
 # Without a handler its logger writes tracebacks of errors that are reported here.
@@ -31,7 +31,10 @@ def read_instrument(
         ImportError: without afmformats.
         ValueError: for files that it cannot read, or that lack what the user must state.
     """
-    require_packages("Force curves of instruments", "afm", "afmformats")
+    if find_spec("afmformats") is None:
+        raise ImportError(
+            "Force curves of instruments need afmformats: pip install 'jaxstab[afm]'."
+        )
     given = {"spring constant": spring_constant, "sensitivity": sensitivity}
     curves, remarks = _loaded(path, {k: x for k, x in given.items() if x is not None}, is_text)
     if not curves:

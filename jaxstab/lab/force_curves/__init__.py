@@ -4,19 +4,22 @@
 compression; heights and tip positions grow away from the sample.
 """
 
-from jaxstab.force_curves.correction import Baseline, Correction
-from jaxstab.force_curves.curves import ForceCurves
-from jaxstab.force_curves.force_curve import ForceCurve
-from jaxstab.force_curves.force_curve import ForceCurveWarning as ForceCurveWarning
-from jaxstab.force_curves.read import read
-from jaxstab.force_curves.segment import Segment
+from jaxstab.lab.force_curves.correction import Baseline, Correction
+from jaxstab.lab.force_curves.curves import ForceCurves
+from jaxstab.lab.force_curves.force_curve import ForceCurve, ForceCurveWarning
+from jaxstab.lab.force_curves.means import Means, means
+from jaxstab.lab.force_curves.read import read
+from jaxstab.lab.force_curves.segment import Segment
 
 __all__ = [
     "Baseline",
     "Correction",
     "ForceCurve",
+    "ForceCurveWarning",
     "ForceCurves",
+    "Means",
     "Segment",
+    "means",
     "read",
 ]
 

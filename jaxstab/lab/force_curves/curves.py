@@ -1,5 +1,6 @@
 """Several force curves: of a file, or of the pixels of a map."""
 
+import warnings
 from collections import Counter
 from collections.abc import Callable, Hashable, Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -7,10 +8,7 @@ from typing import TYPE_CHECKING, Literal, overload
 
 import numpy as np
 
-from jaxstab.core.checks import require_one_of
-from jaxstab.core.display import several, times
-from jaxstab.core.warn import warn
-from jaxstab.force_curves.force_curve import BASELINES, ForceCurve, ForceCurveWarning
+from jaxstab.lab.force_curves.force_curve import ForceCurve, ForceCurveWarning, require_baseline
 
 if TYPE_CHECKING:
     import xarray
@@ -72,7 +70,7 @@ class ForceCurves(Sequence[ForceCurve]):
         Warns:
             ForceCurveWarning: for curves that are not corrected, with their names and reasons.
         """
-        require_one_of("baseline", baseline, BASELINES)
+        require_baseline(baseline)
         curves = []
         failed = []
         for source, curve in zip(self.sources, self.curves, strict=True):
@@ -83,9 +81,10 @@ class ForceCurves(Sequence[ForceCurve]):
                 remarks = (*curve.remarks, f"{_NOT_CORRECTED}: {error}")
                 curves.append(replace(curve, remarks=remarks))
         if len(failed) == len(self) > 0:
-            raise ValueError(f"None of {several(len(self), 'curve')} can be corrected. {failed[0]}")
+            raise ValueError(f"None of {len(self)} curves can be corrected. {failed[0]}")
         if failed:
-            warn(all_of("are not corrected", failed, len(self)), ForceCurveWarning)
+            text = all_of("are not corrected", failed, len(self))
+            warnings.warn(text, ForceCurveWarning, stacklevel=2)
         return replace(self, curves=tuple(curves))
 
     @property
@@ -155,7 +154,7 @@ class ForceCurves(Sequence[ForceCurve]):
         if self.shape is not None:
             there = int(np.sum(self.numbers >= 0))
             holes = self.numbers.size - there
-            text = f"{times(self.shape)} pixels"
+            text = f"{self.shape[0]} x {self.shape[1]} pixels"
             if holes:
                 text += f", {holes} of {self.numbers.size} pixels missing"
             rows.append(("map", text))

@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from jaxstab.force_curves.force_curve import ForceCurve
-from jaxstab.force_curves.segment import Segment, tip_from_height
+from jaxstab.lab.force_curves.force_curve import ForceCurve
+from jaxstab.lab.force_curves.segment import Segment, tip_from_height
 
 # A segment moves the cantilever by at least this part of the range of heights.
 _MOVE = 0.05

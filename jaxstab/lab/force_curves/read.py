@@ -1,14 +1,13 @@
 """Force curves from files."""
 
+import warnings
 from pathlib import Path
 
-from jaxstab.core.checks import file_named_in_errors
-from jaxstab.core.text import decoded
-from jaxstab.core.warn import warn
-from jaxstab.force_curves.curves import ForceCurves, all_of
-from jaxstab.force_curves.force_curve import ForceCurve, ForceCurveWarning
-from jaxstab.force_curves.instruments import read_instrument
-from jaxstab.force_curves.named_columns import is_named_table, read_named_columns
+from jaxstab.lab.force_curves.curves import ForceCurves, all_of
+from jaxstab.lab.force_curves.force_curve import ForceCurve, ForceCurveWarning
+from jaxstab.lab.force_curves.instruments import read_instrument
+from jaxstab.lab.force_curves.named_columns import is_named_table, read_named_columns
+from jaxstab.surfaces import text_of
 
 # A file of AFM Workshop, which is no table of named columns.
 _WORKSHOP = "Force-Distance Curve"
@@ -55,11 +54,18 @@ def read(
         ForceCurveWarning: for forces whose sign seems to be wrong, and curves that are left out.
     """
     path = Path(path)
-    with file_named_in_errors(path):
+    if not path.exists():
+        raise FileNotFoundError(f"{path} does not exist.")
+    try:
         curves, count = _curves(path, spring_constant, sensitivity)
+    except ImportError as error:
+        raise ImportError(f"{path}: {error}") from None
+    except ValueError as error:
+        raise ValueError(f"{path}: {error}") from None
     suspicions = [f"{x.source}: {' '.join(x.suspicions)}" for x in curves if x.suspicions]
     if suspicions:
-        warn(all_of("look wrong", suspicions, count), ForceCurveWarning)
+        text = all_of("look wrong", suspicions, count)
+        warnings.warn(text, ForceCurveWarning, stacklevel=2)
     if count == 1 and curves.shape is None:
         return curves[0]
     return curves
@@ -74,7 +80,7 @@ def _curves(
     content = path.read_bytes()
     if not content:
         raise ValueError("the file is empty.")
-    text = decoded(content)
+    text = text_of(content)
     shape = None
     if text is not None and _is_table(path, text):
         recordings = read_named_columns(text, path.name, spring_constant, sensitivity)
@@ -92,7 +98,8 @@ def _curves(
     if not curves:
         raise ValueError(failed[0])
     if failed:
-        warn(all_of("are left out", failed, len(recordings)), ForceCurveWarning)
+        text = all_of("are left out", failed, len(recordings))
+        warnings.warn(text, ForceCurveWarning, stacklevel=3)
     return ForceCurves(tuple(curves), shape), len(recordings)
 
 

@@ -252,16 +252,16 @@ def test_curves_that_cannot_be_corrected_say_why():
         replace(curve, approach=flat).corrected()
     short = {name: curve.approach.__dict__[name][::50] for name in ("force", "height", "tip")}
     with pytest.raises(ValueError, match="40 points: a baseline needs 50"):
-        replace(curve, approach=js.force_curves.Segment(**short)).corrected()
+        replace(curve, approach=js.lab.force_curves.Segment(**short)).corrected()
 
 
 def test_of_several_curves_the_good_ones_are_corrected_and_the_bad_ones_named():
     good = synthetic.recorded(LAWS["hertz"], 2, points=400)
     short = replace(good.approach, **{n: getattr(good.approach, n)[::10] for n in COLUMNS})
     bad = [replace(-good, source="second"), replace(good, approach=short, source="third")]
-    curves = js.force_curves.ForceCurves((good, *bad, good))
+    curves = js.lab.force_curves.ForceCurves((good, *bad, good))
     message = r"2 of 4 curves are not corrected. second: The approach pulls.* third: .*40 points"
-    with pytest.warns(js.exceptions.ForceCurveWarning, match=message):
+    with pytest.warns(js.lab.force_curves.ForceCurveWarning, match=message):
         corrected = curves.corrected()
     assert [curve.correction is None for curve in corrected] == [False, True, True, False]
     np.testing.assert_array_equal(corrected[1].approach.force, bad[0].approach.force)
@@ -272,13 +272,15 @@ def test_of_several_curves_the_good_ones_are_corrected_and_the_bad_ones_named():
     with pytest.raises(
         ValueError, match=r"None of 2 curves can be corrected. second: The approach"
     ):
-        js.force_curves.ForceCurves(tuple(bad)).corrected()
+        js.lab.force_curves.ForceCurves(tuple(bad)).corrected()
     with pytest.raises(ValueError, match="baseline is 'quadratic'"):
         curves.corrected("quadratic")
 
 
 def cut(segment, is_kept):
-    return js.force_curves.Segment(**{name: getattr(segment, name)[is_kept] for name in COLUMNS})
+    return js.lab.force_curves.Segment(
+        **{name: getattr(segment, name)[is_kept] for name in COLUMNS}
+    )
 
 
 def test_a_retraction_that_does_not_detach_is_corrected_by_the_approach():
@@ -353,7 +355,7 @@ def test_a_curve_without_points_or_segments_says_so():
 
 
 def test_no_curves_have_no_data_set_and_make_a_map_of_holes():
-    none = js.force_curves.ForceCurves((), (2, 1))
+    none = js.lab.force_curves.ForceCurves((), (2, 1))
     assert len(none.corrected()) == 0 and "2 of 2 pixels missing" in repr(none)
     np.testing.assert_array_equal(none.on_map([]), np.full((2, 1), np.nan))
     with pytest.raises(ValueError, match="There is no force curve"):
