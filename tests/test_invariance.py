@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import jax.numpy as jnp
 import numpy as np
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -188,18 +189,21 @@ def test_a_verdict_is_the_same_however_its_state_is_given(surface, change):
     assert_same(verdict(surface, change), verdict(surface, AS_GIVEN))
 
 
+@pytest.mark.nightly
 @few
 @given(surfaces, changes)
 def test_a_branch_is_the_same_however_it_is_given(surface, change):
     assert_same(branch(surface, change), branch(surface, AS_GIVEN))
 
 
+@pytest.mark.nightly
 @many
 @given(surfaces, changes)
 def test_an_evolution_is_the_same_however_it_is_given(surface, change):
     assert_same(evolution(surface, change), evolution(surface, AS_GIVEN), rtol=1e-5)
 
 
+@pytest.mark.nightly
 @few
 @given(surfaces, changes)
 def test_a_fit_is_the_same_however_it_is_given(surface, change):
@@ -254,6 +258,7 @@ def test_a_path_is_the_same_however_it_is_given(surface, change):
     assert_same_jumps([found], change, path(surface, AS_GIVEN, turns))
 
 
+@pytest.mark.nightly
 @few
 @given(surfaces, st.floats(0.15, 0.35))
 def test_a_path_in_two_pieces_has_the_jumps_of_the_whole(surface, middle):
@@ -262,6 +267,7 @@ def test_a_path_in_two_pieces_has_the_jumps_of_the_whole(surface, middle):
     assert_same_jumps([first, rest], AS_GIVEN, path(surface, AS_GIVEN, [0.4, 0.1]))
 
 
+@pytest.mark.nightly
 @few
 @given(surfaces, st.floats(0.1, 0.9))
 def test_a_branch_goes_on_from_any_state_before_its_first_turn(surface, part):
@@ -302,6 +308,7 @@ def tiled(surface):
         yield js.Contact(js.HalfSpace(grid, 1.0), np.tile(surface, (number, number)), law)
 
 
+@pytest.mark.nightly
 @many
 @given(surfaces)
 def test_a_repeated_surface_has_a_repeated_equilibrium_and_no_higher_eigenvalues(surface):

@@ -72,7 +72,7 @@ LOADS = {
         "gap",
         pytest.param("pressure", marks=pytest.mark.nightly),
         pytest.param("far", marks=pytest.mark.nightly),
-        "spring",
+        pytest.param("spring", marks=pytest.mark.nightly),
     ],
 )
 def test_a_solid_of_ones_own_agrees_with_dense_algebra(name):

@@ -23,13 +23,12 @@ def processes():
         yield import_module("processes")
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize(
     ("points", "turns", "kinds"),
     [
         (32, (0.133, 0.132), ["fold"]),
-        pytest.param(
-            256, (0.14, 0.09, 0.12), ["fold", "fold", "release"], marks=pytest.mark.nightly
-        ),
+        (256, (0.14, 0.09, 0.12), ["fold", "fold", "release"]),
     ],
 )
 def test_two_processes_find_what_one_finds(processes, points, turns, kinds):

@@ -364,6 +364,7 @@ def test_energy_is_lost_in_a_jump_and_not_along_a_branch():
     assert is_left(contact, touching, apart) and not is_left(contact, apart, touching)
 
 
+@pytest.mark.nightly
 def test_a_long_step_to_another_branch_ends_no_search(hertz):
     # It leads to a state without twelve of the contact points, where two eigenvalues are negative.
     heights = hertz.heights + 1e-3 * jax.random.normal(jax.random.key(0), hertz.heights.shape)

@@ -139,6 +139,7 @@ def test_the_projection_is_the_nearest_admissible_field(platform):
         assert (rest[~moving] <= shift + 1e-12).all()
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize(
     "precision", ["float64", pytest.param("float32", marks=pytest.mark.nightly)]
 )

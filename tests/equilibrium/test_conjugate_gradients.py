@@ -124,6 +124,7 @@ def test_a_quadratic_energy_takes_as_many_steps_as_there_are_points():
     assert found.num_steps <= 16 + 4
 
 
+@pytest.mark.nightly
 def test_its_steps_hardly_grow_with_the_grid():
     def steps(n):
         grid = js.Grid(n)

@@ -168,6 +168,7 @@ def test_a_batch_and_jacobians_equal_single_derivatives(contact):
         np.testing.assert_allclose(jacobian[i, i], single, rtol=1e-10)
 
 
+@pytest.mark.nightly
 def test_a_failed_entry_is_nan_and_leaves_a_masked_sum_alone(contact):
     gaps = jnp.array([0.1, -0.1, jnp.nan, 0.2])
 

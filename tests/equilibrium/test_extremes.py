@@ -50,6 +50,7 @@ def test_a_start_inside_a_core_is_lifted_off_it(width):
     assert js.equilibrate(contact, load, initial=reference).num_steps == 0
 
 
+@pytest.mark.nightly
 def test_a_law_with_a_core_works_in_single_precision_and_si_units():
     grid = js.Grid(16, 1e-6)
     heights = js.surfaces.self_affine(grid, jax.random.key(0), k_high=4, rms_height=2e-9)

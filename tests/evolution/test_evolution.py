@@ -216,6 +216,7 @@ def test_a_state_of_a_path_starts_at_its_own_load(hertz, loop):
     assert np.max(np.abs(gaps[0] - gaps[1])) < 1e-9
 
 
+@pytest.mark.nightly
 def test_a_window_has_the_gap_of_its_surface_and_the_glassy_answer():
     grid = js.Grid(16, 2.0)
     solid = js.Viscoelastic(js.FreeHalfSpace(grid, 1.0), 3.0, 1.0)
@@ -243,7 +244,7 @@ def test_full_contact_opens_under_a_mean_gap():
     assert np.all(np.isfinite(found.mean_pressure))
 
 
-@pytest.mark.parametrize("dtype", ["float64", "float32"])
+@pytest.mark.parametrize("dtype", ["float64", pytest.param("float32", marks=pytest.mark.nightly)])
 def test_the_work_is_that_of_the_forces_at_many_times(dtype):
     """A fast attraction and detachment, in few steps; the trapezoidal rule was 4 % off in them."""
     grid = js.Grid((32,), (1.0,))

@@ -97,6 +97,7 @@ def test_derivatives_behind_jumps_are_those_of_differences():
         np.testing.assert_allclose(forward[3][0, i], slopes[0], 5e-3, 1e-3)
 
 
+@pytest.mark.nightly
 @pytest.mark.filterwarnings("ignore::jaxstab.exceptions.ResolutionWarning")
 @pytest.mark.parametrize("noise", [0.0, 1e-11])
 def test_derivatives_behind_two_releases_at_once_are_nan_in_both_modes(noise):
@@ -108,6 +109,7 @@ def test_derivatives_behind_two_releases_at_once_are_nan_in_both_modes(noise):
     assert np.all(np.isnan(forward[3][2:])) and np.all(np.isnan(reverse))
 
 
+@pytest.mark.nightly
 def test_many_speeds_at_once_are_those_alone():
     times, values = cycle(9)
 
@@ -141,6 +143,7 @@ def test_many_speeds_at_once_are_those_alone():
         js.growth_rate(last)
 
 
+@pytest.mark.nightly
 def test_single_precision_agrees_to_its_digits():
     times, values = cycle(9)
     contact = viscoelastic()

@@ -96,6 +96,7 @@ def test_another_contact_and_load_compile_nothing():
     assert not compiled
 
 
+@pytest.mark.nightly
 def test_a_tolerance_below_the_rounding_of_equilibria_is_named():
     times, values = cycle(9)
 

@@ -45,6 +45,7 @@ def test_a_transition_comes_back_to_the_last_bit(contact, transition, tmp_path):
         assert plain.attrs["load_kind"] == "MeanDisplacement"
 
 
+@pytest.mark.nightly
 def test_a_pass_to_detached_surfaces_comes_back_and_is_drawn(detaching, tmp_path, capsys):
     path = js.save(tmp_path / "pass.nc", *detaching)
     assert_same_bits(detaching, js.load(path))

@@ -97,6 +97,7 @@ def test_an_interrupted_path_returns_what_is_done(hertz, loop):
     np.testing.assert_allclose(rest.jumps.load.value[0], loop.jumps.load.value[0], atol=4e-6)
 
 
+@pytest.mark.nightly
 @pytest.mark.usefixtures("interruptible")
 def test_an_interrupt_at_any_line_leaves_whole_records(tmp_path):
     """At each line that records a jump, states, gaps, jumps and losses agree with each other."""
@@ -224,6 +225,7 @@ def test_what_energies_lose_between_jumps_is_the_work_that_is_missing(loop):
     assert "lost between jumps, which cannot be" in repr(failed)
 
 
+@pytest.mark.nightly
 def test_no_step_is_as_short_as_rounding():
     """Also where steps that add up to a part of the load path end a rounding before it."""
     grid = js.Grid((16,), (1.0,))
@@ -239,6 +241,7 @@ def test_no_step_is_as_short_as_rounding():
     assert re.search(r"lost in \d+ jumps?, by contact and spring together  ", repr(pulled))
 
 
+@pytest.mark.nightly
 def test_a_batch_entry_without_a_state_has_no_loss(hertz):
     def losses(height, modulus):
         heights = hertz.heights.at[0, 0].add(height)

@@ -113,6 +113,7 @@ def test_on_a_window_a_sphere_comes_off_where_the_pull_of_a_held_far_side_is_lar
     assert found.kind == "fold"
 
 
+@pytest.mark.nightly
 def test_flat_surfaces_come_off_at_the_largest_attraction_wherever_it_is():
     gaps = np.linspace(0.0, 0.5, 1_000_001)
     strongest = (0.02 * gaps / 0.1**2 * np.exp(-(gaps**2) / (2 * 0.1**2))).max()
@@ -231,6 +232,7 @@ def test_the_point_that_lets_go_is_found_where_the_last_state_lies_before_it():
     np.testing.assert_allclose(rate, -4.58231, rtol=1e-5)
 
 
+@pytest.mark.nightly
 @pytest.mark.filterwarnings("ignore::jaxstab.exceptions.ResolutionWarning")
 def test_in_single_precision_a_release_is_found_from_states_past_it():
     random, phase = np.random.default_rng(4), 2 * np.pi * np.arange(16) / 16
@@ -256,7 +258,7 @@ def test_in_single_precision_a_release_is_found_from_states_past_it():
         np.testing.assert_allclose(eigenvalue, pull.critical.eigenvalue, rtol=1e-4)
 
 
-@pytest.mark.parametrize("spring", [None, 0.02])
+@pytest.mark.parametrize("spring", [None, pytest.param(0.02, marks=pytest.mark.nightly)])
 def test_in_single_precision_it_is_that_of_double(spring):
     grid = js.Grid(16)
     heights = js.surfaces.self_affine(grid, jax.random.key(0), k_high=4, rms_height=0.05)

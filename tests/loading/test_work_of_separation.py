@@ -32,6 +32,7 @@ def test_flat_surfaces_take_the_work_of_their_law(flat_path):
     assert flat_path.work_of_separation == pytest.approx(float(expected), rel=1e-5)
 
 
+@pytest.mark.nightly
 def test_a_machine_adds_what_its_jump_loses():
     stiffness = 0.5
     machine = js.Spring(jnp.array([0.0, 1.2]), stiffness)

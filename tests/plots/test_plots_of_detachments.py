@@ -10,6 +10,7 @@ import jaxstab as js
 from jaxstab import plots
 
 
+@pytest.mark.nightly
 def test_a_line_for_each_rate_falls_from_one_to_zero_through_its_median(detaching):
     contact, _ = detaching
     options = {"thermal_energy": 2e-4, "attempt_rate": 1e9}

@@ -101,6 +101,7 @@ def test_a_sum_is_the_sum_however_it_is_written():
     assert "Electrostatic(voltage=0.3" in repr(ELECTRIC + EXPONENTIAL)
 
 
+@pytest.mark.nightly
 def test_a_sum_is_solved_with_in_si_units_as_in_others():
     grid = js.Grid(16, 2e-6)
     heights = js.surfaces.sinusoid(grid, 4e-8)

@@ -11,6 +11,7 @@ import pytest
 import jaxstab as js
 
 
+@pytest.mark.nightly
 def test_a_law_may_vary_from_nothing_on():
     kind = js.potentials.Exponential
     energies = jnp.where(jnp.arange(8) % 2 == 0, 0.02, 0.0) * jnp.ones((8, 1))

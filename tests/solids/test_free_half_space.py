@@ -106,7 +106,10 @@ LAW = js.potentials.Exponential(0.01, 0.1)
 PLANE, LINE = js.Grid((5, 4), (1.0, 0.7)), js.Grid((9,), (1.0,))
 
 
-@pytest.mark.parametrize(("grid", "load"), [(PLANE, js.MeanPressure(-1e-3)), (LINE, SPRING)])
+@pytest.mark.parametrize(
+    ("grid", "load"),
+    [(PLANE, js.MeanPressure(-1e-3)), pytest.param(LINE, SPRING, marks=pytest.mark.nightly)],
+)
 def test_equilibrium_and_eigenvalues_agree_with_dense_algebra(grid, load):
     contact = sphere_contact(0, LAW, grid=grid)
     equilibrium = js.equilibrate(contact, load, TIGHT)
@@ -213,6 +216,7 @@ def test_full_contact_stores_the_least_of_any_rigid_move(grid):
     np.testing.assert_allclose(found, least, rtol=1e-6)
 
 
+@pytest.mark.nightly
 @pytest.mark.filterwarnings("ignore::UserWarning")
 def test_reverse_mode_by_the_lengths_of_a_window_agrees_with_differences():
     heights = js.surfaces.paraboloid(js.Grid(8, (4.0, 4.0)), radius=2.0)

@@ -218,6 +218,7 @@ def test_a_sheet_bends_by_the_fourth_power():
     assert np.array(solid.pressure(wave(1, 2))) == pytest.approx(expected, abs=1e-9)
 
 
+@pytest.mark.nightly
 def test_a_traced_ratio_or_time_that_is_refused_otherwise_is_nan():
     def glassy(ratio, time):
         return js.Viscoelastic(SOLID, (ratio, 1.0), (1.0, time)).glassy.pressure(wave(1, 2))

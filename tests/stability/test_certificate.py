@@ -84,6 +84,7 @@ def test_what_is_only_found_is_said_to_hold_locally(judged):
     assert "proved           False" in repr(stability)
 
 
+@pytest.mark.nightly
 def test_on_a_linear_space_and_by_a_mode_the_verdict_is_proved():
     contact = rough_contact(32, js.potentials.Exponential(0.06, 0.06), rms_height=0.05)
     states = {g: js.equilibrate(contact, js.MeanGap(g)) for g in (0.1, 0.5)}

@@ -115,6 +115,7 @@ def test_a_coarser_problem_without_a_mode_gives_no_start(small_is_large):
     np.testing.assert_allclose(lowest.pair.eigenvalue, expected.pair.eigenvalue, rtol=1e-9)
 
 
+@pytest.mark.nightly
 def test_a_start_that_is_not_needed_takes_no_step():
     contact, load = contact_with(8)
     equilibrium = js.equilibrate(contact, load)

@@ -55,6 +55,7 @@ def test_eigenvalues_modes_and_margins_agree_with_finite_differences(contact, lo
             assert abs(forward[name] - reverse[name][i]) < 1e-8 * size, name
 
 
+@pytest.mark.nightly
 def test_a_mode_has_its_derivative_in_single_precision_in_si_units(contact):
     def number(ratio, length=1e-6, pressure=1e11, dtype=jnp.float32):
         cell = js.Grid(16, np.full(2, length, dtype))
@@ -133,6 +134,7 @@ def test_modes_of_a_block_refuse_to_be_differentiated(contact):
         jax.jvp(eigenvalue, (0.02,), (1.0,))
 
 
+@pytest.mark.nightly
 def test_without_any_pressure_its_scale_and_derivatives_are_zero():
     contact = rough_contact(8, lambda gap: 0 * gap)
     nothing = jnp.zeros((8, 8))

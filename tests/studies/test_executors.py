@@ -98,6 +98,7 @@ def test_a_case_that_ends_its_process_three_times_has_failed(kind, request, tmp_
     assert int((study["result"] == "successful").sum()) == 24
 
 
+@pytest.mark.nightly
 def test_a_batch_that_ends_its_process_is_run_one_by_one(tmp_path):
     def case(x):
         import jax

@@ -45,7 +45,9 @@ def flat_lennard_jones():
     return law, tensions, lost - tensions * (far - near), 3 / 2
 
 
-@pytest.mark.parametrize("flat", [flat_exponential, flat_lennard_jones])
+@pytest.mark.parametrize(
+    "flat", [flat_exponential, pytest.param(flat_lennard_jones, marks=pytest.mark.nightly)]
+)
 def test_flat_surfaces_detach_as_by_the_quadrature_of_the_exact_barrier(detaching, flat):
     line, _ = detaching
     law, tensions, barrier, power = flat()
@@ -99,6 +101,7 @@ def test_a_rough_line_detaches_as_by_the_branch_around_its_pull_off(detaching):
         _ = held.median
 
 
+@pytest.mark.nightly
 def test_a_load_that_grows_from_zero_has_the_work_of_separation_as_its_barrier(detaching):
     line, _ = detaching
     contact = js.Contact(line.solid, jnp.zeros(12), line.potential)
@@ -146,6 +149,7 @@ def test_without_a_load_the_barrier_is_that_of_the_deepest_state_on_the_way(deta
         before = barrier
 
 
+@pytest.mark.nightly
 def test_a_state_at_the_load_but_for_rounding_is_one_to_begin_from(detaching):
     contact, _ = detaching
     options = {"thermal_energy": 2e-4, "attempt_rate": 1e9}
@@ -171,6 +175,7 @@ def jumping(detaching):
     return contact, path
 
 
+@pytest.mark.nightly
 def test_barriers_go_on_through_a_jump_as_those_of_the_state_that_holds_longest(jumping):
     contact, path = jumping
     energy = 3e-5
@@ -196,6 +201,7 @@ def test_barriers_go_on_through_a_jump_as_those_of_the_state_that_holds_longest(
     assert changes == 2
 
 
+@pytest.mark.nightly
 def test_shortly_before_a_jump_the_life_is_that_of_both_states(jumping):
     """By the rates over the saddles between both, and out of the second."""
     contact, path = jumping

@@ -64,6 +64,7 @@ def rate(parameters):
     return js.growth_rate(js.evolve(contact, load, jnp.array([0.0, 1e-3]), rtol=1e9))
 
 
+@pytest.mark.nightly
 def test_a_growth_rate_has_the_derivatives_of_the_closed_form():
     # K(s) q / 2 = w / rho^2 exp(-g / rho) for the longest wave, and K(s) = 1 + r s / (1 + s).
     point = jnp.array([0.03, 4.0])
@@ -105,6 +106,7 @@ def test_a_larger_tension_is_not_carried_for_longer():
     assert np.all(np.diff(times) <= 0)
 
 
+@pytest.mark.nightly
 def test_there_is_no_easiest_way_out_of_a_saddle_or_of_another_contact(hertz, transition):
     with pytest.raises(ValueError, match="The state is unstable"):
         js.easiest_exit(hertz, transition.saddle, num_modes=1)
@@ -113,6 +115,7 @@ def test_there_is_no_easiest_way_out_of_a_saddle_or_of_another_contact(hertz, tr
         js.easiest_exit(other, transition.start, num_modes=1)
 
 
+@pytest.mark.nightly
 @pytest.mark.filterwarnings("ignore::jaxstab.exceptions.ResolutionWarning")
 def test_without_a_state_beyond_the_easiest_way_out_under_a_dead_load_is_to_nothing():
     heights = 0.1 * np.cos(2 * np.pi * np.arange(16) / 16)

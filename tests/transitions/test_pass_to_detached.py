@@ -140,7 +140,9 @@ def test_by_matrices_it_is_a_saddle_between_the_start_and_nothing(pulled, part):
     ("law", "kind", "exponent"),
     [
         (js.potentials.Exponential(WORK, RANGE), "release", 2),
-        (js.potentials.LennardJones(WORK, 0.15), "fold", 1.5),
+        pytest.param(
+            js.potentials.LennardJones(WORK, 0.15), "fold", 1.5, marks=pytest.mark.nightly
+        ),
     ],
     ids=["release", "fold"],
 )
@@ -171,6 +173,7 @@ def test_flat_surfaces_come_apart_over_the_barrier_of_the_law_alone(detaching):
     np.testing.assert_allclose(np.abs(found.mode), 12**-0.5, rtol=1e-6)
 
 
+@pytest.mark.nightly
 def test_its_barrier_has_the_derivatives_of_differences(detaching):
     contact, found = detaching
 

@@ -90,6 +90,7 @@ def test_the_saddle_has_one_way_down_to_either_end(detachment):
     np.testing.assert_allclose(found.barrier, heights, rtol=1e-9)
 
 
+@pytest.mark.nightly
 def test_its_barriers_have_the_derivatives_of_differences(detachment):
     contact, at = detachment
 
