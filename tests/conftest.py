@@ -1,11 +1,9 @@
 """The settings and the shared fixtures of all tests."""
 
-import atexit
 import gc
 import os
 import shutil
 import signal
-import tempfile
 from importlib.metadata import version
 from pathlib import Path
 
@@ -22,9 +20,12 @@ if "XLA_FLAGS" not in os.environ:
         # Later ones have no other emitters, and end where a flag is not known.
         os.environ["XLA_FLAGS"] += " --xla_cpu_use_fusion_emitters=false"
 if "JAX_COMPILATION_CACHE_DIR" not in os.environ:
-    # Workers and subprocesses inherit it, and compile nothing large that another one has.
-    os.environ["JAX_COMPILATION_CACHE_DIR"] = tempfile.mkdtemp(prefix="jaxstab-programs-")
-    atexit.register(shutil.rmtree, os.environ["JAX_COMPILATION_CACHE_DIR"], ignore_errors=True)
+    # Workers and subprocesses inherit it, and compile nothing large that another one has, or a run
+    # before. Where it has grown to a gigabyte, a run begins without it.
+    cache = Path(os.environ.get("XDG_CACHE_HOME", Path.home() / ".cache"), "jaxstab-tests")
+    if cache.exists() and sum(file.stat().st_size for file in cache.iterdir()) > 1e9:
+        shutil.rmtree(cache, ignore_errors=True)
+    os.environ["JAX_COMPILATION_CACHE_DIR"] = str(cache)
     os.environ["JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS"] = "0.2"
     os.environ["JAX_PERSISTENT_CACHE_MIN_ENTRY_SIZE_BYTES"] = "-1"
     # JAX 0.10 reports each program from a cache as made for another machine.
