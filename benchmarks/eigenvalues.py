@@ -39,7 +39,7 @@ from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigsh, lobp
 
 import jaxstab as js
 from jaxstab.stability.cones import AdmissibleCone
-from jaxstab.stability.eigenpair import Eigenpair, measured
+from jaxstab.stability.eigenpair import Eigenpair, eigenpair_of
 from jaxstab.stability.lowest_modes import noise
 
 TOLERANCE = 1e-7
@@ -176,7 +176,7 @@ def algorithm_1(
     hessian, cone = contact.hessian(equilibrium.gap), AdmissibleCone(equilibrium.in_contact)
     start = noise(jax.random.key(0), 4, equilibrium.gap)
     found = solver.solve(hessian, cone, start)
-    return measured(hessian, cone, found, found.vector)
+    return eigenpair_of(hessian, cone, found, found.vector)
 
 
 @jax.jit

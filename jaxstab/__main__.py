@@ -39,7 +39,7 @@ def open_streams() -> None:
     Characters that the terminal's encoding lacks are spelled in others. A stream that is closed is
     replaced by the null device, which also takes its number before another file does.
     """
-    codecs.register_error("spelled", _spelled)
+    codecs.register_error("spelled", _ascii_spelling)
     for name in ("stdout", "stderr"):
         stream = getattr(sys, name)
         if stream is None:
@@ -48,7 +48,7 @@ def open_streams() -> None:
             stream.reconfigure(errors="spelled")
 
 
-def _spelled(error: UnicodeError) -> tuple[str, int]:
+def _ascii_spelling(error: UnicodeError) -> tuple[str, int]:
     """Return a spelling in ASCII of characters that cannot be encoded, and where they end."""
     assert isinstance(error, UnicodeEncodeError)
     characters = error.object[error.start : error.end]

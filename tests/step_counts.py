@@ -13,7 +13,7 @@ import jax
 import jaxstab as js
 from jaxstab.core import control_flow
 from jaxstab.equilibrium.equilibrate import find
-from jaxstab.equilibrium.posing import posed
+from jaxstab.equilibrium.posing import pose
 from jaxstab.equilibrium.start import start_of
 from jaxstab.stability.cones import AdmissibleCone
 from jaxstab.stability.solvers.davidson import Davidson
@@ -41,7 +41,7 @@ def solver_runs(n):
     grid = js.Grid(n)
     heights = js.surfaces.self_affine(grid, jax.random.key(0), k_high=n // 4, rms_height=0.05)
     law = js.potentials.Exponential(2e-3, 0.05)
-    problem = posed(js.Contact(js.HalfSpace(grid, 1.0), heights, law), js.MeanGap(0.05))
+    problem = pose(js.Contact(js.HalfSpace(grid, 1.0), heights, law), js.MeanGap(0.05))
     contact = problem.contact
     load = problem.state
     start = start_of(contact, load, None)

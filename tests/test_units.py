@@ -100,7 +100,7 @@ def test_a_file_in_metres_has_si_units_and_si_numbers(tmp_path):
     ],
 )
 def test_a_value_reads_with_the_prefix_that_suits_it(unit, value, text):
-    assert Units.checked(unit, None).text(value, "energy") == text
+    assert Units.of_names(unit, None).text(value, "energy") == text
 
 
 def test_no_prefix_is_hidden_or_raised_to_a_power():
@@ -217,7 +217,7 @@ def test_forces_and_energies_are_shown_in_the_units_that_were_chosen():
 )
 def test_a_unit_of_force_or_energy_needs_those_of_length_and_pressure(names, message):
     with pytest.raises(ValueError, match=message):
-        Units.checked(
+        Units.of_names(
             names.get("unit"), None, force=names.get("force_unit"), energy=names.get("energy_unit")
         )
 

@@ -54,7 +54,7 @@ def take_step(problem: ContinuationProblem, step: ArclengthStep) -> ArclengthSte
     trial = StepTrial(problem, step, target, judgement, reached)
     refused = replace(step, is_new=array(False))
 
-    def explained() -> ArclengthStep:
+    def accepted_step() -> ArclengthStep:
         events = events_in(trial)
         account = account_of(trial, events)
         turn = account.turn
@@ -78,7 +78,7 @@ def take_step(problem: ContinuationProblem, step: ArclengthStep) -> ArclengthSte
         is_explained = concrete(account.is_sound) & concrete(agrees)
         return cond(is_explained, lambda: taken, lambda: refused)
 
-    after = cond(judgement.is_taken, explained, lambda: refused)
+    after = cond(judgement.is_taken, accepted_step, lambda: refused)
     length, is_there = _next_length(trial, after.is_new)
     return replace(
         after,

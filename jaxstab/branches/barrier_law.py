@@ -13,7 +13,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 
-from jaxstab.branches.response import lifted, response
+from jaxstab.branches.response import opening_of_point, response
 from jaxstab.contact import Contact
 from jaxstab.core.display import Outcome, inline
 from jaxstab.core.grid import mean_over, total
@@ -105,7 +105,7 @@ def barrier_law(
     third, fourth, fifth = (
         jnp.where(is_free | point, x, 0) for x in _higher_derivatives(contact, gap)
     )
-    move = jnp.where(is_release, lifted(contact, load, gap, point), mode)
+    move = jnp.where(is_release, opening_of_point(contact, load, gap, point), mode)
     cubic = total(third * move**3)
     # At a fold state and saddle lie on opposite sides along the mode, which bends the curve. Along
     # the mode nothing resists, and all else follows across it.
@@ -115,12 +115,12 @@ def barrier_law(
     across = partial(_project_across, system.project, jnp.where(is_release, 0, mode))
     system = replace(system, project=across)
 
-    def followed(force: Field) -> tuple[Field, Field]:
+    def response_to(force: Field) -> tuple[Field, Field]:
         change = system.differentiable_solution(-force)
         return change, hessian(change)
 
     # A mode has relaxed already.
-    changes, relief = jax.lax.map(followed, forces.at[0].multiply(is_release))
+    changes, relief = jax.lax.map(response_to, forces.at[0].multiply(is_release))
     move = move + changes[0]
     rate = gap_rate + changes[1]
     # A load that holds the mean balances any uniform pressure.

@@ -55,14 +55,14 @@ def _crossing_on_chord(trial: StepTrial, events: StepEvents) -> tuple[TurnInStep
     old = step.here
     turning = Turning.at(trial, events.beyond)
 
-    def driven(place: Place) -> DrivenIndex:
+    def driven_index_at(place: Place) -> DrivenIndex:
         gap = place.at.gap
         tangent = place.tangent.gap
         return driven_index_of(curve.contact, curve.load, gap, place.is_free, tangent)
 
     touched = turning.touches & ~turning.is_tied
     ends = old, choose(touched, replace(reached, is_free=events.beyond.place.is_free), reached)
-    both = jax.lax.map(driven, jax.tree.map(lambda *pair: jnp.stack(pair), *ends))
+    both = jax.lax.map(driven_index_at, jax.tree.map(lambda *pair: jnp.stack(pair), *ends))
     before, after = both.index
     agrees = (before >= 0) & (after >= 0) & turning.explains(judgement.turns, before, after)
     # Of the eigenvalues in order, the lowest one that has changed its sign.

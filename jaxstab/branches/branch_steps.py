@@ -14,8 +14,8 @@ from jaxstab.branches.corrector import (
     CorrectorProblem,
     Undirected,
     correct,
-    directed,
     on_plane,
+    place_of,
 )
 from jaxstab.branches.curve import BorderedVector, ContinuationProblem, Curve, Place
 from jaxstab.branches.morse_index import index_of, no_modes
@@ -96,7 +96,7 @@ def begin(
     """Return the problem between two loads, and a branch at its first state, an equilibrium."""
     curve, first, no_direction, modes = _start(contact, loads, found)
     dtype = found.gap.dtype
-    here = directed(curve, first, no_direction)
+    here = place_of(curve, first, no_direction)
     if dtype == jnp.float32:
         # A solver may stop as far from the curve as a short step may from its prediction.
         correction = CorrectorProblem(curve, first.condition, first.is_free, follows=True)

@@ -49,7 +49,7 @@ from jaxstab.equilibrium import (
 )
 from jaxstab.equilibrium.equilibrate import find
 from jaxstab.equilibrium.equilibrium import State
-from jaxstab.equilibrium.posing import finished, posed
+from jaxstab.equilibrium.posing import finish, pose
 from jaxstab.equilibrium.start import start_of
 from jaxstab.loads import Load
 from jaxstab.states.kinds import ENDS
@@ -127,7 +127,7 @@ def continuation(
         require("min_step", shortest, shortest <= longest, "give at most `max_step`.")
     load.warn_if_soft(contact.solid)
     warn_if_coarse(contact, FOR_JUMPS)
-    problem = posed(contact, load)
+    problem = pose(contact, load)
     start = start_of(problem.contact, problem.state[0], initial)
     solver = PreconditionedConjugateGradient()
     if isinstance(initial, eqx.Module):
@@ -144,7 +144,7 @@ def continuation(
             branch = _known_branch(number, fields, *constants)
     # An interrupt here would lose a long branch.
     with interrupts_held() as held:
-        branch = finished(branch, problem, partial(_describe, load), throw)
+        branch = finish(branch, problem, partial(_describe, load), throw)
     if held:
         warn("Ctrl-C came after the last state of the branch, which is kept.", PathInterrupted)
     return branch

@@ -60,7 +60,7 @@ class Condition(eqx.Module):
         """Return the gradient of that."""
         pulled = Hessian(curve.contact.solid, forces.curvature)(self.weights)
         gap = self.row.gap + pulled
-        pressed = model.pressed(self.weights, curve.contact.solid.punch)
+        pressed = model.load_pressure(self.weights, curve.contact.solid.punch)
         pressure = self.row.pressure + total(pressed)
         return BorderedVector(gap / self.scale, pressure / self.scale)
 
@@ -170,7 +170,7 @@ class Undirected(eqx.Module):
     ahead: BorderedVector
 
 
-def directed(curve: Curve, point: Undirected, near: BorderedVector) -> Place:
+def place_of(curve: Curve, point: Undirected, near: BorderedVector) -> Place:
     """Return a point of a curve with the direction there.
 
     Sought from another direction nearby, or from zero, by the last step of the corrector.

@@ -35,7 +35,7 @@ from jaxstab.core.types import ArrayLike, Field, Flag, Scalar
 from jaxstab.equilibrium import Equilibrium, PreconditionedConjugateGradient
 from jaxstab.equilibrium.equilibrate import find
 from jaxstab.equilibrium.equilibrium import State, fields_of
-from jaxstab.equilibrium.posing import finished, posed
+from jaxstab.equilibrium.posing import finish, pose
 from jaxstab.equilibrium.solvers.conjugate_gradients import MAX_MOVE_IN_JUMP
 from jaxstab.equilibrium.start import initial_of_path, start_of
 from jaxstab.loads import Load
@@ -96,7 +96,7 @@ def critical_load(
     bracket = two_loads(bracket, contact, "critical_load takes two loads", cure)
     bracket.warn_if_soft(contact.solid)
     warn_if_coarse(contact, FOR_JUMPS)
-    problem = posed(contact, bracket)
+    problem = pose(contact, bracket)
     inputs = problem.contact, problem.state
     starts = [
         start_of(problem.contact, load, initial_of_path(problem.contact, load, initial))
@@ -111,7 +111,7 @@ def critical_load(
             # Not all searches are needed.
             advance_to(lambda: _NUM_SEARCHES)
         end = critical_load_at(*inputs, limit)
-    return finished(end, problem, partial(_describe, bracket), throw)
+    return finish(end, problem, partial(_describe, bracket), throw)
 
 
 @in_pieces
@@ -187,7 +187,7 @@ def _limit(contact: Contact, loads: Load, start: Field) -> Limit:
             lambda: (search.limit, array(True)),
             lambda: _limit_from(contact, search.loads, found),
         )
-        return _continued(search, loads, limit, is_stable, is_left)
+        return _search_after(search, loads, limit, is_stable, is_left)
 
     begun = search_from(contact, loads, start)
     search = while_loop(lambda search: search.is_open, next_limit, begun)
@@ -255,7 +255,7 @@ def _if_stable(branch: BranchState) -> tuple[RESULTS, Flag]:
 
 
 @program
-def _continued(
+def _search_after(
     search: _Search, loads: Load, limit: Limit, is_stable: Flag, is_left: Flag
 ) -> _Search:
     """Return the search after the limit of a branch, given whether the branch began stable.

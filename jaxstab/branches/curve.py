@@ -126,7 +126,7 @@ class Curve(eqx.Module):
         solid = self.contact.solid
         gap = at.gap
         pressures = self.contact.pressures(gap)
-        pressed = model.pressed(at.pressure, solid.punch)
+        pressed = model.load_pressure(at.pressure, solid.punch)
         resisting = jnp.where(is_free, pressures.attraction + pressed, 0)
         balancing = jnp.sqrt(total(pressures.elastic**2 + resisting**2) / gap.size)
         size = jnp.sqrt(mean(gap**2))
@@ -135,7 +135,7 @@ class Curve(eqx.Module):
 
     def net_rate(self, curvature: Field, change: BorderedVector) -> Field:
         """Return how the net pressure follows a change where f'' is this, A dg + dp0."""
-        pressed = model.pressed(change.pressure, self.contact.solid.punch)
+        pressed = model.load_pressure(change.pressure, self.contact.solid.punch)
         return Hessian(self.contact.solid, curvature)(change.gap) + pressed
 
     def scaled(
@@ -199,7 +199,7 @@ class Curve(eqx.Module):
         norm = jnp.sqrt(row.times(row))
         row = jax.tree.map(lambda part: part / jnp.where(norm > 0, norm, 1), row)
         uniform = inside(jnp.ones_like(row.gap)) / weight
-        pressed = model.pressed(uniform, self.contact.solid.punch)
+        pressed = model.load_pressure(uniform, self.contact.solid.punch)
         # The mean has a stiffness of its own, often negative, that K + c does not know.
         share = total(uniform * pressed)
         is_open = share > 0
@@ -215,7 +215,7 @@ class Curve(eqx.Module):
         along = jnp.where(along == 0, 1, along)
         by_pressure = jnp.where(is_open | (row.pressure == 0), 1, row.pressure)
 
-        def bordered(change: BorderedVector) -> BorderedVector:
+        def apply_bordered(change: BorderedVector) -> BorderedVector:
             moved = inside(change.gap)
             pressure = inside(hessian(moved)) / soft + change.pressure * pressed
             # Points that do not move are left to the identity.
@@ -239,7 +239,7 @@ class Curve(eqx.Module):
         wanted = precondition(wanted)
         residual = accuracy * jnp.maximum(jnp.sqrt(wanted.times(wanted)), weight * size)
         solution = gmres(
-            lambda change: precondition(bordered(change)), wanted, residual, _MAX_RESTARTS
+            lambda change: precondition(apply_bordered(change)), wanted, residual, _MAX_RESTARTS
         )
         return BorderedVector(inside(solution.gap), solution.pressure * soft / weight)
 
@@ -286,6 +286,6 @@ def _value_of(contact: Contact, load: Load) -> tuple[Scalar, BorderedVector]:
     by_pressure = -jnp.ones_like(by_value)
     if fixes_mean:
         by_pressure = 0 * by_value
-    weights = model.pressed(gap / gap.size, contact.solid.punch)
+    weights = model.load_pressure(gap / gap.size, contact.solid.punch)
     row = BorderedVector(-by_mean / by_value * weights, -by_pressure / by_value)
     return -error(nothing, nothing) / by_value, row

@@ -18,7 +18,7 @@ from jaxstab.core.compile import program
 from jaxstab.core.control_flow import choose
 from jaxstab.core.display import Outcome
 from jaxstab.core.grid import total
-from jaxstab.core.implicit import attach, finite, pushed
+from jaxstab.core.implicit import attach, finite, tangent_of
 from jaxstab.core.linear_system import LinearSystem
 from jaxstab.core.results import RESULTS
 from jaxstab.core.types import Field, Flag, Scalar
@@ -147,7 +147,7 @@ def _changes_of_limit(
         moved = contact.hessian(fields["gap"], contact.control(load))(pair.mode)
         return fields["gap"], net, moved
 
-    shift, net_change, moved_change = pushed(pressures, (contact, load), changes)
+    shift, net_change, moved_change = tangent_of(pressures, (contact, load), changes)
 
     def moved(direction: Field, system: LinearSystem, is_of_kind: Flag) -> Changes:
         # A linear system with a zero right-hand side converges at once.
@@ -159,7 +159,7 @@ def _changes_of_limit(
 
     def folded() -> Changes:
         # The eigenvalue stays zero.
-        change, move = moved(pair.mode, _stiffened(contact, load, gap, pair), ~is_release)
+        change, move = moved(pair.mode, _regular_system(contact, load, gap, pair), ~is_release)
         bend = total(slope * pair.mode)
         turned = total(slope * move) + total(pair.mode * moved_change)
         along = jnp.where(is_undefined, 0, turned) / jnp.where(bend == 0, 1, bend)
@@ -177,10 +177,10 @@ def _cosine(mode: Field, field: Field) -> Scalar:
     return total(mode * field) / jnp.sqrt(total(field**2))
 
 
-def _stiffened(contact: Contact, load: Load, gap: Field, pair: Eigenpair) -> LinearSystem:
+def _regular_system(contact: Contact, load: Load, gap: Field, pair: Eigenpair) -> LinearSystem:
     """Return the system of A + s x x^T on the free points: at a simple fold it is not singular."""
     space = free_space(contact, load, gap)
-    hessian = contact.hessian(gap, contact.control(load)).restricted(space.is_moving)
+    hessian = contact.hessian(gap, contact.control(load)).restriction(space.is_moving)
     mode = pair.mode
     stiffness = contact.solid.min_stiffness
 
@@ -194,5 +194,5 @@ def _stiffened(contact: Contact, load: Load, gap: Field, pair: Eigenpair) -> Lin
 def _changes_of_fields(
     fields: Fields, is_found: Flag, inputs: tuple, changes: tuple
 ) -> tuple[Fields, Flag]:
-    moved, _ = pushed(fields_of, finite(is_found, inputs), changes)
+    moved, _ = tangent_of(fields_of, finite(is_found, inputs), changes)
     return moved, ~is_found

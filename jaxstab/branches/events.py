@@ -15,8 +15,8 @@ from jaxstab.branches.corrector import (
     Undirected,
     at_change,
     correct,
-    directed,
     on_plane,
+    place_of,
 )
 from jaxstab.branches.curve import BorderedVector, Curve, Place
 from jaxstab.core.accuracy import EQUILIBRIUM, EXACT, NEGLIGIBLE
@@ -92,8 +92,8 @@ def beyond_change(curve: Curve, place: Place, changes: ActiveSetChanges, opens: 
     """
 
     def beyond(with_tied: Flag) -> Beyond:
-        point, flips = _flipped(curve, place, changes, opens, with_tied)
-        return _beyond(curve, directed(curve, point, place.tangent), flips)
+        point, flips = _point_beyond(curve, place, changes, opens, with_tied)
+        return _beyond(curve, place_of(curve, point, place.tangent), flips)
 
     return first_good(beyond, lambda found: found.goes_on, [array(True), array(False)])
 
@@ -104,7 +104,7 @@ def beyond_none(place: Place) -> Beyond:
 
 
 @program
-def _flipped(
+def _point_beyond(
     curve: Curve, place: Place, changes: ActiveSetChanges, opens: Flag, with_tied: Flag
 ) -> tuple[Undirected, Mask]:
     """Return the point beyond an active-set change, and the points that change sides there."""
@@ -190,7 +190,7 @@ def fold_between(curve: Curve, old: Place, new: Place) -> tuple[Place, Flag]:
     4. Repeat from 1 until the rate vanishes, or both places are close to each other.
     """
     dtype = old.at.gap.dtype.name
-    step, begun = _begun(curve, old, new)
+    step, begun = _first_bracket(curve, old, new)
 
     def narrow(bracket: _Bracket) -> _Bracket:
         condition, start, direction = _on_cubic(step, old, bracket)
@@ -198,14 +198,14 @@ def fold_between(curve: Curve, old: Place, new: Place) -> tuple[Place, Flag]:
         found = correct(
             correction, start, step.row, direction, EXACT[dtype], EQUILIBRIUM[dtype]
         ).place
-        return _narrowed(curve, step, bracket, found)
+        return _shrink_bracket(curve, step, bracket, found)
 
     bracket = while_loop(lambda bracket: bracket.is_open, narrow, begun)
     return cond(bracket.is_low, lambda: bracket.low, lambda: bracket.high), bracket.is_flat
 
 
 @program
-def _begun(curve: Curve, old: Place, new: Place) -> tuple[_SmoothStep, _Bracket]:
+def _first_bracket(curve: Curve, old: Place, new: Place) -> tuple[_SmoothStep, _Bracket]:
     row = curve.gradient_of(old.tangent)
     length = row.times(new.at.minus(old.at))
     distances = jnp.stack([jnp.zeros_like(length), length])
@@ -247,7 +247,7 @@ def _on_cubic(
 
 
 @program
-def _narrowed(curve: Curve, step: _SmoothStep, bracket: _Bracket, found: Place) -> _Bracket:
+def _shrink_bracket(curve: Curve, step: _SmoothStep, bracket: _Bracket, found: Place) -> _Bracket:
     """Return the bracket of which the place found is one end."""
     low, high = bracket.distances
     slow, fast = bracket.rates

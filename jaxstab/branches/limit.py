@@ -27,8 +27,8 @@ from jaxstab.branches.corrector import (
     Undirected,
     at_change,
     correct,
-    directed,
     on_plane,
+    place_of,
 )
 from jaxstab.branches.curve import BorderedVector, ContinuationProblem, Curve, Place
 from jaxstab.branches.morse_index import UNKNOWN, lowest_pair, no_modes
@@ -132,11 +132,11 @@ def limit_ahead(contact: Contact, load: Load, gap: Field, ahead: Scalar) -> Limi
 
     def from_start(start: tuple[Scalar, Flag]) -> tuple[Limit, Flag]:
         distance, closes = start
-        here = directed(curve, _state_of(search, closes), search.nothing)
+        here = place_of(curve, _state_of(search, closes), search.nothing)
         plane, row, at = _plane_behind(search, distance, here)
         correction = CorrectorProblem(curve, plane, here.is_free)
         behind = correct(correction, at, row, here.tangent, AT_STATES[dtype.name])
-        is_on_curve, result, length = _begun(search, behind)
+        is_on_curve, result, length = _assess_start(search, behind)
         branch = branch_from(behind.place, length, array(UNKNOWN), search.modes, result)
         return limit_of(search.problem, branch), is_on_curve
 
@@ -192,7 +192,7 @@ def _plane_behind(
 
 
 @program
-def _begun(search: _Ahead, found: CorrectorOutcome) -> tuple[Flag, RESULTS, Scalar]:
+def _assess_start(search: _Ahead, found: CorrectorOutcome) -> tuple[Flag, RESULTS, Scalar]:
     """Return whether a branch towards the load begins at the point found, and its first step."""
     place = found.place
     signs = jnp.where(place.is_free, place.at.gap, found.forces.net) > 0
@@ -281,18 +281,20 @@ def limit_of(problem: ContinuationProblem, branch: BranchState) -> Limit:
     def step(search: _LimitSearch) -> _LimitSearch:
         old = cond(search.is_past, lambda: search.before, lambda: search.after)
         old = replace(old, step=replace(old.step, length=search.length))
-        return _narrowed(problem, search, old, next_state(problem, old))
+        return _search_after(problem, search, old, next_state(problem, old))
 
     search = while_loop(lambda search: search.is_open, step, first)
-    seen = _seen(problem, search)
+    candidate = _limit_candidate(problem, search)
     modes = search.after.step.modes
     contact = problem.curve.contact
-    pair = lowest_pair(contact, seen.load, seen.at.gap, seen.opened, modes, EQUILIBRIUM[dtype.name])
-    return limit_between(problem, branch.result, search, seen, pair)
+    pair = lowest_pair(
+        contact, candidate.load, candidate.at.gap, candidate.opened, modes, EQUILIBRIUM[dtype.name]
+    )
+    return limit_between(problem, branch.result, search, candidate, pair)
 
 
 @program
-def _narrowed(
+def _search_after(
     problem: ContinuationProblem, search: _LimitSearch, old: BranchState, new: BranchState
 ) -> _LimitSearch:
     """Return the search after a step from an old to a new state."""
@@ -323,7 +325,7 @@ def _closest(problem: ContinuationProblem) -> Scalar:
     return EQUILIBRIUM[problem.max_step.dtype.name] * problem.max_step
 
 
-class _Seen(eqx.Module):
+class _Candidate(eqx.Module):
     """The limit between two states of a branch, but for its mode.
 
     Attributes:
@@ -347,7 +349,7 @@ class _Seen(eqx.Module):
 
 
 @program
-def _seen(problem: ContinuationProblem, search: _LimitSearch) -> _Seen:
+def _limit_candidate(problem: ContinuationProblem, search: _LimitSearch) -> _Candidate:
     """Return where the limit lies between the states before and after the last step."""
     curve = problem.curve
     old = search.before.step
@@ -360,7 +362,7 @@ def _seen(problem: ContinuationProblem, search: _LimitSearch) -> _Seen:
     at = choose(turn.is_there, turn.at, new.here.at)
     gap = jnp.where(is_free, jnp.maximum(at.gap, 0), 0)
     at = BorderedVector(gap, at.pressure)
-    return _Seen(
+    return _Candidate(
         at=at,
         load=curve.load.at(curve.value(at)),
         is_free=is_free,
@@ -376,7 +378,7 @@ def limit_between(
     problem: ContinuationProblem,
     begun: RESULTS,
     search: _LimitSearch,
-    seen: _Seen,
+    candidate: _Candidate,
     pair: Eigenpair,
 ) -> Limit:
     """Return the limit that a search has come to, given the result of its first state.
@@ -387,12 +389,12 @@ def limit_between(
     """
     curve = problem.curve
     contact = curve.contact
-    dtype = seen.at.gap.dtype.name
+    dtype = candidate.at.gap.dtype.name
     new = search.after.step
-    is_release = seen.is_release
-    condition = at_change(curve, seen.point, jnp.array(True), problem.max_step)
-    correction = CorrectorProblem(curve, condition, seen.is_free)
-    imbalance, reaction = correction.residual(seen.at, correction.forces(seen.at))
+    is_release = candidate.is_release
+    condition = at_change(curve, candidate.point, jnp.array(True), problem.max_step)
+    correction = CorrectorProblem(curve, condition, candidate.is_free)
+    imbalance, reaction = correction.residual(candidate.at, correction.forces(candidate.at))
     residual = jnp.maximum(imbalance, jnp.where(is_release, jnp.abs(reaction), 0))
     is_met = residual <= EQUILIBRIUM[dtype]
     is_flat = jnp.abs(pair.eigenvalue) <= NEGLIGIBLE[dtype] * contact.solid.min_stiffness
@@ -415,11 +417,11 @@ def limit_between(
     failure = RESULTS.where(begun == RESULTS.successful, failure, begun)
     result = RESULTS.where(jnp.isfinite(residual), RESULTS.successful, RESULTS.nonfinite)
     return Limit(
-        load=seen.load,
-        gap=seen.at.gap,
+        load=candidate.load,
+        gap=candidate.at.gap,
         kind=kind,
-        point=seen.point,
-        is_tied=seen.is_tied,
+        point=candidate.point,
+        is_tied=candidate.is_tied,
         critical=pair,
         residual=residual,
         num_steps=search.count,

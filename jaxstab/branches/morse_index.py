@@ -17,7 +17,7 @@ from jaxstab.core.results import RESULTS
 from jaxstab.core.types import Field, Flag, Mask
 from jaxstab.loads import Load
 from jaxstab.stability.cones import Subspace
-from jaxstab.stability.eigenpair import Eigenpair, measured
+from jaxstab.stability.eigenpair import Eigenpair, eigenpair_of
 from jaxstab.stability.ritz import norms
 from jaxstab.stability.solvers.base import BLOCK_SIZE, ModesProblem, noise
 from jaxstab.stability.solvers.davidson import Davidson
@@ -187,12 +187,12 @@ def _lowest(
     """
     control = contact.control(load)
     space = Subspace(is_moving, control.fixes_mean)
-    hessian = contact.hessian(gap, control).restricted(space.is_moving)
+    hessian = contact.hessian(gap, control).restriction(space.is_moving)
     is_new = (norms(modes) == 0) | (jnp.arange(len(modes)) == len(modes) - 1)
     fresh = noise(jax.random.key(2), len(modes), gap)
     starts = jnp.where(is_new.reshape(-1, *[1] * gap.ndim), fresh, modes)
     minimum = solver.solve(hessian, space, starts, len(modes))
-    pair = measured(hessian, space, minimum, minimum.vector[0]).with_proof(True)
+    pair = eigenpair_of(hessian, space, minimum, minimum.vector[0]).with_proof(True)
     # The Ritz values, of vectors of unit norm or none.
     others = minimum.vector[1:-1]
     values = jax.lax.map(lambda mode: jnp.sum(mode * hessian(mode)), others)

@@ -43,12 +43,12 @@ def free_space(contact: Contact, load: Load, gap: Field) -> Subspace:
 def opening(contact: Contact, load: Load, gap: Field, point: Mask) -> Field:
     """Return the move that opens a contact point, with the free points following at no cost."""
     control = contact.control(load)
-    lift = lifted(contact, load, gap, point)
+    lift = opening_of_point(contact, load, gap, point)
     pulled = contact.hessian(gap, control)(lift)
     return lift - free_system(contact, control, gap).differentiable_solution(pulled)
 
 
-def lifted(contact: Contact, load: Load, gap: Field, point: Mask) -> Field:
+def opening_of_point(contact: Contact, load: Load, gap: Field, point: Mask) -> Field:
     """Return a move that opens a contact point, and meets the load."""
     space = Subspace((gap > 0) | point, contact.control(load).fixes_mean)
     return space.project(point.astype(gap.dtype))

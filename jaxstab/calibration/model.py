@@ -16,10 +16,10 @@ from jaxstab.core.checks import as_array
 from jaxstab.core.compile import program
 from jaxstab.core.results import RESULTS
 from jaxstab.core.types import Scalar
-from jaxstab.core.units import NUMBER, declared
+from jaxstab.core.units import NUMBER, declared_dimensions
 from jaxstab.equilibrium import PreconditionedConjugateGradient
-from jaxstab.equilibrium.equilibrate import solved
-from jaxstab.equilibrium.posing import as_given, posed
+from jaxstab.equilibrium.equilibrate import solve
+from jaxstab.equilibrium.posing import as_given, pose
 from jaxstab.equilibrium.start import start_of
 from jaxstab.loads import Load
 
@@ -89,7 +89,7 @@ def _dimension(tree: PyTree, path: jax.tree_util.KeyPath) -> str:
             case jax.tree_util.GetAttrKey(name=name):
                 parts = ()
                 if is_dataclass(tree):
-                    parts = declared(type(tree)).get(name, ())
+                    parts = declared_dimensions(type(tree)).get(name, ())
                 tree = getattr(tree, name)
             case jax.tree_util.SequenceKey(idx=i):
                 parts = parts[i:]
@@ -158,10 +158,10 @@ class Model(eqx.Module):
         """Return the mean pressure at one load, and the gap, the start of the next load."""
         offset, baseline, tilt = values[-len(ZEROS) :]
         zero = (baseline + tilt * load.value) / self.area
-        problem = posed(self.contact_at(values), load.at(load.value - offset))
+        problem = pose(self.contact_at(values), load.at(load.value - offset))
         gap = start_of(problem.contact, problem.state, start)
         found = as_given(
-            solved(problem.contact, problem.state, PreconditionedConjugateGradient(), gap), problem
+            solve(problem.contact, problem.state, PreconditionedConjugateGradient(), gap), problem
         )
         is_found = found.result == RESULTS.successful
         return jnp.where(is_found, found.mean_pressure, jnp.nan) + zero, found.gap

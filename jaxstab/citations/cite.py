@@ -81,8 +81,8 @@ class Citations:
             role = source.fields["role"]
             if names:
                 role += f" (behind {', '.join(names)})"
-            entries.append(_wrapped(source.text, ""))
-            entries.append(_wrapped(role, "    "))
+            entries.append(_wrap(source.text, ""))
+            entries.append(_wrap(role, "    "))
         return "\n".join(entries)
 
 
@@ -178,5 +178,5 @@ def _name(item: object) -> str:
     return getattr(item, "__qualname__", type(item).__name__)
 
 
-def _wrapped(text: str, margin: str) -> str:
+def _wrap(text: str, margin: str) -> str:
     return fill(text, 88, initial_indent=margin, subsequent_indent=margin + "  ", **_UNBROKEN)

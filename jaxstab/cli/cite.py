@@ -7,14 +7,14 @@ import jaxstab
 
 def run(options: argparse.Namespace) -> None:
     """Print the sources."""
-    sources = jaxstab.cite(*map(_named, options.names))
+    sources = jaxstab.cite(*map(_public_object, options.names))
     if options.bibtex:
         print(sources.bibtex)
     else:
         print(sources)
 
 
-def _named(name: str) -> object:
+def _public_object(name: str) -> object:
     found: object = jaxstab
     for part in name.split("."):
         if part.startswith("_") or not hasattr(found, part):

@@ -4,7 +4,7 @@ import argparse
 from typing import Any
 
 from jaxstab.cli.options import OF_A_FILE
-from jaxstab.cli.problem import loaded, surface_of
+from jaxstab.cli.problem import load_file, surface_of
 from jaxstab.core.grid import Grid
 from jaxstab.files.netcdf import attributes_of
 from jaxstab.surfaces import Topography
@@ -34,7 +34,7 @@ def run(options: argparse.Namespace) -> None:
         if name not in ("title", "structure", "checksums"):
             print(f"  {name.replace('_', ' ')}: {text}")
     if "structure" in attributes:
-        contact, result = loaded(options)
+        contact, result = load_file(options)
         print(f"\n{contact}\n\n{result}")
 
 

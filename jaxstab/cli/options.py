@@ -10,7 +10,7 @@ from jaxstab.cli.parsing import (
     Parser,
     existing_file,
     from_config,
-    given,
+    given_options,
     nearest,
     number,
     option_of,
@@ -98,7 +98,7 @@ def read(arguments: list[str]) -> tuple[str, argparse.Namespace]:
             # The command line overrides the file.
             rest = [*from_config(parsers[name], options.config), *rest]
             options = parsers[name].parse_args(rest)
-        _require_consistent(parsers[name], options, given(rest))
+        _require_consistent(parsers[name], options, given_options(rest))
     return name, options
 
 

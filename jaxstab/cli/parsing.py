@@ -39,7 +39,7 @@ class Parser(argparse.ArgumentParser):
     def parse_args(self, args: Any, namespace: Any = None) -> Any:  # pyright: ignore[reportIncompatibleMethodOverride]
         """Return the options; an unknown one ends the command and names the nearest."""
         # argparse would first take the value of an unknown option for a file.
-        for name in given(args):
+        for name in given_options(args):
             self.require_option(name)
         return super().parse_args(args, namespace)
 
@@ -59,7 +59,7 @@ def option_of(name: str) -> str:
     return f"--{name.replace('_', '-')}"
 
 
-def given(arguments: list[str]) -> set[str]:
+def given_options(arguments: list[str]) -> set[str]:
     """Return the options among arguments."""
     return {text.partition("=")[0] for text in arguments if text.startswith("--")}
 

@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 
 from jaxstab import plots
 from jaxstab.branches import Branch, CriticalLoad
-from jaxstab.cli.problem import loaded
+from jaxstab.cli.problem import load_file
 from jaxstab.contact import Contact
 from jaxstab.equilibrium import Equilibrium
 from jaxstab.evolution import Evolution
@@ -32,7 +32,7 @@ _OF_STATES = {
 
 def run(options: argparse.Namespace) -> None:
     """Draw the figure and say where it is."""
-    contact, result = loaded(options)
+    contact, result = load_file(options)
     if options.state is not None:
         if not isinstance(result, Sweep) or options.state >= len(result):
             number = len(result) if isinstance(result, Sweep) else 0

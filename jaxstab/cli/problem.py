@@ -78,7 +78,7 @@ def loads_of(
     return kind(values, options.stiffness)
 
 
-def loaded(options: argparse.Namespace) -> tuple[Contact, Result]:
+def load_file(options: argparse.Namespace) -> tuple[Contact, Result]:
     """Return the contact and the result of a file, in double precision."""
     jax.config.update("jax_enable_x64", True)
     for name in vars(options)["import"]:

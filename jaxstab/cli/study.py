@@ -28,7 +28,7 @@ _MODULE = "__study__"
 
 def run(options: argparse.Namespace) -> None:
     """Run the study and say how its cases ended."""
-    module = _imported(options.file)
+    module = _import_module(options.file)
     with (
         _executor(options, module) as executor,
         # Said at the end instead.
@@ -49,7 +49,7 @@ def run(options: argparse.Namespace) -> None:
         except RuntimeError as error:
             raise Ended(str(error), FAILED) from error
     results = dataset["result"].values.ravel().tolist()
-    print(_described(dataset, results))
+    print(_summary(dataset, results))
     print(f"\nThe results are in {options.path.resolve()}")
     if "missing" in results:
         done = len(results) - results.count("missing")
@@ -81,7 +81,7 @@ def _executor(options: argparse.Namespace, module: ModuleType) -> Iterator[objec
         yield client
 
 
-def _imported(path: Path) -> ModuleType:
+def _import_module(path: Path) -> ModuleType:
     """Return the module that a file is."""
     spec = spec_from_file_location(_MODULE, path.resolve())
     if not path.is_file() or spec is None or spec.loader is None:
@@ -105,7 +105,7 @@ def _imported(path: Path) -> ModuleType:
     return module
 
 
-def _described(dataset: "xarray.Dataset", results: list[str]) -> str:
+def _summary(dataset: "xarray.Dataset", results: list[str]) -> str:
     counts = {word: results.count(word) for word in ("successful", "failed", "missing")}
     lines = [f"{len(results)} cases: {', '.join(f'{n} {word}' for word, n in counts.items() if n)}"]
     lines.append(f"{float(dataset['seconds'].sum()):.3g} s of computation")

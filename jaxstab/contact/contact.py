@@ -131,7 +131,7 @@ class Contact(eqx.Module):
             raise TypeError(f"heights are {dtype}: give them in float32 or float64.")
         require_sound(solid, given, topography)
         self.solid = cast(solid, dtype)
-        units = Units.checked(
+        units = Units.of_names(
             unit_of_lengths(topography, unit), pressure_unit, force_unit, energy_unit
         )
         self.unit = units.length

@@ -131,7 +131,7 @@ def extrapolate(
     shortest = resolved_range(contact, _RESOLUTION)
     lengths = _RATIOS * float(shortest)
     if ranges is not None:
-        lengths = _checked(ranges)
+        lengths = _rising_ranges(ranges)
     law: Any = contact.potential
     target = law.length
     if to is not None:
@@ -158,7 +158,7 @@ def extrapolate(
     errors = np.abs(values[:number]).max() * PINNING / resolutions**2
     trials = [_Trial(*one) for one in zip(below, values[number:], errors[number:], strict=True)]
     values, errors, resolutions = (x[:number] for x in (values, errors, resolutions))
-    found = _extrapolated(lengths, values, errors, target, trials)
+    found = _extrapolation(lengths, values, errors, target, trials)
     dtype = contact.heights.dtype
     fields = found.value, found.error, found.power, target, lengths, values, resolutions
     return Extrapolation(*(array(x, dtype) for x in fields), units=contact.units)
@@ -180,7 +180,7 @@ class _Limit(NamedTuple):
     power: float
 
 
-def _extrapolated(
+def _extrapolation(
     lengths: np.ndarray,
     values: np.ndarray,
     errors: np.ndarray,
@@ -273,7 +273,7 @@ def _along_power(lengths: np.ndarray, values: np.ndarray, power: float, target: 
     return float(values[0] + share * (values[1] - values[0]))
 
 
-def _checked(ranges: ArrayLike) -> np.ndarray:
+def _rising_ranges(ranges: ArrayLike) -> np.ndarray:
     """Return three ranges or more, rising."""
     lengths = np.sort(np.asarray(numbers(ranges, "The ranges"), float), axis=None)
     cure = f"give {_FEWEST} different ones or more."

@@ -86,7 +86,7 @@ class Hessian(SymmetricOperator):
         """Return A x, at the price of one application of K."""
         return model.hessian(self.solid.apply, self.curvature, field)
 
-    def restricted(self, mask: Mask) -> "Hessian":
+    def restriction(self, mask: Mask) -> "Hessian":
         """Return an operator that does the same to fields which vanish outside the mask, there."""
         return Hessian(self.solid, self.curvature, self.stiffness, mask)
 

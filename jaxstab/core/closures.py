@@ -34,7 +34,7 @@ def as_pytree(
             argument's shape.
     """
     try:
-        closed, value = _traced(function, argument)
+        closed, value = _trace(function, argument)
     except _NEEDS_A_VALUE:
         raise TypeError(
             f"{name} needs the value of its argument, which is not known while JAX traces it: "
@@ -100,7 +100,7 @@ class BareFunction(eqx.Module):
         return jnp.asarray(result, jnp.result_type(argument))
 
 
-def _traced(
+def _trace(
     function: Callable[..., Array], argument: jax.ShapeDtypeStruct
 ) -> tuple[ClosedJaxpr, PyTree]:
     # A new lambda, because tracing is cached by the identity of the function.
@@ -108,4 +108,4 @@ def _traced(
 
 
 def _formula(function: Callable[..., Array], argument: jax.ShapeDtypeStruct) -> Formula:
-    return Formula(function, argument, _traced(function, argument)[0].jaxpr)
+    return Formula(function, argument, _trace(function, argument)[0].jaxpr)

@@ -20,7 +20,7 @@ from jax.extend.backend import backends
 from jaxtyping import Array, Int, PyTree
 
 from jaxstab.core.checks import is_traced, is_transformed
-from jaxstab.core.stack import stacked
+from jaxstab.core.stack import stack_of
 from jaxstab.core.types import ArrayLike, Flag
 
 Out = TypeVar("Out")
@@ -62,11 +62,11 @@ def entry_of(batch: Tree, i: Int[Array, ""]) -> Tree:
 def with_entry(batch: Tree, i: Int[Array, ""], entry: Tree, axis: int = 0) -> Tree:
     """Return a batch with one entry along an axis replaced; the index is not checked."""
 
-    def replaced(leaf: Array, new: Array) -> Array:
+    def put(leaf: Array, new: Array) -> Array:
         new = jnp.asarray(new, leaf.dtype)
         return jax.lax.dynamic_update_index_in_dim(leaf, new, i, axis, allow_negative_indices=False)
 
-    return jax.tree.map(replaced, batch, entry)
+    return jax.tree.map(put, batch, entry)
 
 
 def while_loop(goes_on: Callable[[Tree], Flag], step: Callable[[Tree], Tree], state: Tree) -> Tree:
@@ -146,7 +146,7 @@ def each(function: Callable[[Tree], Out], entries: Sequence[Tree]) -> Out:
     if is_transformed(entries):
         return jax.lax.map(function, jax.tree.map(lambda *leaves: jnp.stack(leaves), *entries))
     found = [function(entry) for entry in entries]
-    return stacked(found, found[0])
+    return stack_of(found, found[0])
 
 
 def zeros_of(function: Callable[..., Out], *args: PyTree) -> Out:

@@ -67,13 +67,13 @@ class Outcome(Stackable, Dimensioned):
 def readable(text: Callable[[Any], str]) -> Callable[[Any], str]:
     """Return a `__repr__` that falls back to `block` where a result has no numbers to read."""
 
-    def shown(self: eqx.Module) -> str:
+    def show(self: eqx.Module) -> str:
         try:
             return text(self)
         except UNREADABLE:
             return block(self)
 
-    return shown
+    return show
 
 
 def times(sides: Iterable[object], form: str = "") -> str:
@@ -110,7 +110,7 @@ def table(columns: Mapping[str, Iterable[str]]) -> str:
 def text(value: object, units: Units = NO_UNITS) -> str:
     """Return the text for a field."""
     if isinstance(value, jax.Array | np.ndarray | np.number | np.bool):
-        return _described(value)
+        return _array_text(value)
     if isinstance(value, int | float | complex):
         return number(value)
     without_own_text = eqx.Module.__repr__, block, inline
@@ -148,7 +148,7 @@ def _texts(module: eqx.Module, units: Units) -> Iterator[tuple[str, str]]:
         yield name, f"{text(value, units)} {shown_unit(symbol)}".rstrip()
 
 
-def _described(value: Array | np.ndarray | np.number | np.bool) -> str:
+def _array_text(value: Array | np.ndarray | np.number | np.bool) -> str:
     texts = []
     value = without_derivatives(value)
     if np.ndim(value) <= 1 and np.size(value) <= _MOST_NUMBERS:

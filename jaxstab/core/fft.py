@@ -55,7 +55,7 @@ def num_waves(num_points: int, sharding: NamedSharding | None) -> int:
     return -(-num_modes // num_devices) * num_devices
 
 
-def checked(sharding: object, shape: tuple[int, ...]) -> NamedSharding:
+def automatic_sharding(sharding: object, shape: tuple[int, ...]) -> NamedSharding:
     """Return the sharding of fields of a shape, on axes that the compiler propagates.
 
     Raises:

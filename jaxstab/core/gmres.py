@@ -79,7 +79,7 @@ def _cycle(
         return (reached > wanted) & (space.count < _NUM_VECTORS)
 
     start = _Space(vectors, hessenberg, first, jnp.array(0))
-    space = jax.lax.while_loop(goes_on, partial(_widened, operator), start)
+    space = jax.lax.while_loop(goes_on, partial(_arnoldi_step, operator), start)
     # Columns that are not used are zero, and so are their parts.
     parts = jnp.linalg.lstsq(space.hessenberg, norm * first)[0]
     # The residual lies in the space too: no other product with A is needed.
@@ -88,7 +88,7 @@ def _cycle(
     return jnp.matmul(both, space.vectors, precision="highest")
 
 
-def _widened(operator: Callable[[Vector], Vector], space: _Space) -> _Space:
+def _arnoldi_step(operator: Callable[[Vector], Vector], space: _Space) -> _Space:
     """Extend a Krylov space by one Arnoldi step."""
     last = space.count
 

@@ -175,7 +175,7 @@ class Grid(Mesh):
         self.lengths = as_array(sides)
         self.sharding = None
         if sharding is not None:
-            self.sharding = fft.checked(sharding, self.shape)
+            self.sharding = fft.automatic_sharding(sharding, self.shape)
 
     @property
     @jax.jit
@@ -329,14 +329,14 @@ def totals(fields: Sequence[Field]) -> Float[Array, " fields"]:
 
 
 # A function of its own: JAX compiles a reduction anew for each new one.
-def _added(left: tuple[Array, ...], right: tuple[Array, ...]) -> tuple[Array, ...]:
+def _add(left: tuple[Array, ...], right: tuple[Array, ...]) -> tuple[Array, ...]:
     return tuple(map(jnp.add, left, right))
 
 
 @jax.custom_jvp
 def _totals_in_a_pass(*fields: Field) -> Float[Array, " fields"]:
     zeros = tuple(jnp.zeros((), field.dtype) for field in fields)
-    rows = jnp.stack(jax.lax.reduce(fields, zeros, _added, (fields[0].ndim - 1,)))
+    rows = jnp.stack(jax.lax.reduce(fields, zeros, _add, (fields[0].ndim - 1,)))
     if rows.ndim == 1:
         return rows
     return jax.vmap(total)(rows)

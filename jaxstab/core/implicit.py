@@ -86,7 +86,7 @@ def _differentiate(rule: Rule, primals: tuple, tangents: tuple) -> tuple[Tree, T
 def _changes(rule: Rule, values: Tree, known: PyTree, inputs: PyTree, changes: PyTree) -> Tree:
     moved, is_undefined = rule(values, known, inputs, changes)
 
-    def defined(undefined: Flag, moved: Tree) -> Tree:
+    def with_nan(undefined: Flag, moved: Tree) -> Tree:
         def cause(change: Array | None, leaf: Array) -> Array | None:
             if change is None:
                 return None
@@ -102,7 +102,7 @@ def _changes(rule: Rule, values: Tree, known: PyTree, inputs: PyTree, changes: P
 
         return jax.tree.map(defined_leaf, moved)
 
-    return jax.tree.map(defined, is_undefined, moved)
+    return jax.tree.map(with_nan, is_undefined, moved)
 
 
 def nan_where(is_undefined: Flag, cause: Array, effect: Array) -> Array:
@@ -118,7 +118,7 @@ def nan_if(is_undefined: Flag, change: Array) -> Array:
     )
 
 
-def undefined(values: Tree, _: PyTree, inputs: PyTree, changes: PyTree) -> tuple[Tree, Flag]:
+def no_derivatives(values: Tree, _: PyTree, inputs: PyTree, changes: PyTree) -> tuple[Tree, Flag]:
     """Return no derivatives: a rule for `attach`."""
     return jax.tree.map(jnp.zeros_like, values), jnp.array(True)
 
@@ -142,7 +142,7 @@ def _refuse(primals: tuple[Tree], tangents: tuple[Tree]) -> tuple[Tree, Tree]:
     )
 
 
-def pushed(function: Callable[..., Tree], inputs: tuple, changes: tuple) -> Tree:
+def tangent_of(function: Callable[..., Tree], inputs: tuple, changes: tuple) -> Tree:
     """Return the tangent of a function, given tangents of its inputs, None for a zero one."""
     is_moving = jax.tree.map(lambda change: change is not None, changes, is_leaf=_is_none)
     moving, still = eqx.partition(inputs, is_moving)

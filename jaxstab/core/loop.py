@@ -154,7 +154,7 @@ class IterativeSolver(eqx.Module):
         tolerance = self.tolerance_in(before.residual.dtype)
         limit = jnp.minimum(begin + jnp.minimum(max_steps, NO_LIMIT - begin), self.max_steps)
 
-        def concluded(iteration: Iteration[State], best_step: Int[Array, ""]) -> Iteration[State]:
+        def conclude(iteration: Iteration[State], best_step: Int[Array, ""]) -> Iteration[State]:
             is_stalled = iteration.num_steps - begin > self.patience + 2 * (best_step - begin)
             result = RESULTS.where(is_stalled, RESULTS.stagnated, RESULTS.max_steps_reached)
             result = RESULTS.where(iteration.residual <= tolerance, RESULTS.successful, result)
@@ -185,9 +185,9 @@ class IterativeSolver(eqx.Module):
             }
             best_step = jnp.where(is_better, steps, best_step)
             iteration = Iteration(state, new["residual"], steps, old.result, history)
-            return concluded(iteration, best_step), best, best_step
+            return conclude(iteration, best_step), best, best_step
 
-        start = concluded(before, begin), first, begin
+        start = conclude(before, begin), first, begin
         return jax.lax.while_loop(goes_on, further, start)[0]
 
 

@@ -32,7 +32,7 @@ def displacement_of(gap: Field, heights: Field) -> Field:
 
 
 @own_conventions()
-def filtered(grid: Grid, multiplier: Float[Array, " *modes"], field: Field) -> Field:
+def apply_multiplier(grid: Grid, multiplier: Float[Array, " *modes"], field: Field) -> Field:
     """Return FFT^-1(W FFT(p)), the displacement under a pressure (11); with 1/W, p = K u (12)."""
     return grid.inverse_transform(multiplier.astype(field.dtype) * grid.transform(field))
 
@@ -73,7 +73,7 @@ def imbalance(net: Field, gap: Field) -> Field:
     return jnp.where(gap > 0, net, jnp.minimum(net, 0))
 
 
-def pressed(mean_pressure: ArrayLike, punch: Field | None) -> ArrayLike:
+def load_pressure(mean_pressure: ArrayLike, punch: Field | None) -> ArrayLike:
     """Return p0 as a field: uniform, or in proportion to the pressure under a flat punch."""
     if punch is None:
         return mean_pressure

@@ -63,7 +63,7 @@ def _entry(leaf: Array, index: PyTree) -> Array:
     return jax.device_put(np.asarray(leaf)[index])
 
 
-def stacked(entries: Sequence[Entry], like: Entry) -> Entry:
+def stack_of(entries: Sequence[Entry], like: Entry) -> Entry:
     """Stack results along a leading axis; `like` gives the shapes where there are none."""
 
     def stack(one: Array, *leaves: Array) -> Array:

@@ -99,7 +99,7 @@ class Units(NamedTuple):
     energy: str | None = None
 
     @classmethod
-    def checked(
+    def of_names(
         cls,
         length: str | None,
         pressure: str | None,
@@ -122,8 +122,8 @@ class Units(NamedTuple):
         return cls(
             unit,
             pressure,
-            force=_derived("force", force, FORCES, unit, pressure),
-            energy=_derived("energy", energy, _ENERGIES, unit, pressure),
+            force=_symbol_of_choice("force", force, FORCES, unit, pressure),
+            energy=_symbol_of_choice("energy", energy, _ENERGIES, unit, pressure),
         )
 
     def text(
@@ -197,7 +197,7 @@ class Dimensioned(Comparable):
     def in_units_of(self, pressure: Scalar) -> Self:
         """Convert pressures to another unit, given in the old one; lengths keep theirs."""
         kinds = dimensions(type(self))
-        return self._changed(
+        return self._with_fields(
             kinds,
             lambda name, x: in_units_of(x, kinds[name], pressure),
             lambda x: x.in_units_of(pressure),
@@ -206,9 +206,11 @@ class Dimensioned(Comparable):
     def on_surface(self, solid: _HasSurface) -> Self:
         """Restrict the fields to the part of the grid where the surface is."""
         names = on_grid(type(self))
-        return self._changed(names, lambda _, x: solid.surface(x), lambda x: x.on_surface(solid))
+        return self._with_fields(
+            names, lambda _, x: solid.surface(x), lambda x: x.on_surface(solid)
+        )
 
-    def _changed(
+    def _with_fields(
         self,
         names: Container[str],
         change: Callable[..., Array],
@@ -238,11 +240,11 @@ def in_units_of(value: Array, dimension: Dimension, pressure: Scalar) -> Array:
 @cache
 def dimensions(module: type[Dimensioned]) -> dict[str, Dimension]:
     """Return the dimension of each field that declares one."""
-    return {name: parts[0] for name, parts in declared(module).items()}
+    return {name: parts[0] for name, parts in declared_dimensions(module).items()}
 
 
 @cache
-def declared(module: type) -> dict[str, tuple[Dimension, ...]]:
+def declared_dimensions(module: type) -> dict[str, tuple[Dimension, ...]]:
     """Return the declared dimensions of each field, several for a tuple."""
     found = {}
     for field in fields(module):
@@ -288,7 +290,7 @@ def unit_of(name: object) -> str:
     return unit
 
 
-def _derived(
+def _symbol_of_choice(
     name: str, given: str | None, known: Collection[str], length: str | None, pressure: str | None
 ) -> str | None:
     """Return the usual symbol of a unit of force or energy that a user has chosen."""
@@ -316,7 +318,7 @@ def symbol_of(name: str, given: object, known: Collection[str]) -> str:
     return symbol
 
 
-def converted(value: np.ndarray, unit: str, other: str) -> np.ndarray:
+def convert_lengths(value: np.ndarray, unit: str, other: str) -> np.ndarray:
     """Return lengths in another unit, rounded once: units are whole powers of ten apart."""
     exponent = LENGTHS[unit] - LENGTHS[other]
     if exponent < 0:
@@ -341,7 +343,7 @@ def readable_unit(units: Units, dimension: str, largest: float) -> tuple[float, 
     Only derived units, as of forces, and metres and pascals take a prefix: another unit of length
     or pressure is the user's choice, and so is a unit of force or energy that was given.
     """
-    if _chosen(units, dimension) is not None:
+    if _power_of_choice(units, dimension) is not None:
         return chosen_unit(units, dimension)
     exponent, text = _in_si(units, dimension)
     if exponent is None and re.match(r"(m|Pa)(/|$)", text):
@@ -360,14 +362,14 @@ def chosen_unit(units: Units, dimension: str) -> tuple[float, str]:
 
     Without a choice this is the unit of the numbers, with the divisor 1.
     """
-    power = _chosen(units, dimension)
+    power = _power_of_choice(units, dimension)
     exponent, text = _in_si(units, dimension)
     if power is None or exponent is None:
         return 1.0, unit_symbol(units, dimension)
     return 10.0 ** (power - exponent), _PREFIXES[power] + text
 
 
-def _chosen(units: Units, dimension: str) -> int | None:
+def _power_of_choice(units: Units, dimension: str) -> int | None:
     """Return the power of ten of a unit of force or energy that the user chose, if any."""
     if dimension == FORCE and units.force is not None:
         return FORCES[units.force]

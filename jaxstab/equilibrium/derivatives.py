@@ -9,7 +9,7 @@ from jaxstab.contact.contact import Contact
 from jaxstab.core import model
 from jaxstab.core.accuracy import rounding_of_fields
 from jaxstab.core.grid import total
-from jaxstab.core.implicit import finite, pushed
+from jaxstab.core.implicit import finite, tangent_of
 from jaxstab.core.linear_system import LinearSystem
 from jaxstab.core.types import Field, Flag, Mask, Scalar
 from jaxstab.equilibrium.equilibrium import Fields, fields_of
@@ -45,7 +45,7 @@ def changes_of_fields(
 
     is_undefined = ~is_found | jnp.any(changing_points(net, gap, contact.solid))
     system = free_system(contact, control, gap)
-    change, imbalance = pushed(partial(fields_of, gap=gap), inputs, changes)
+    change, imbalance = tangent_of(partial(fields_of, gap=gap), inputs, changes)
     right_side = jnp.where(is_undefined, 0, -imbalance)
     moved = system.differentiable_solution(right_side, is_sound)
     _, (response, _) = jax.jvp(partial(fields_of, contact, load), (gap,), (moved,))
@@ -62,7 +62,7 @@ def changes_of_fields(
 def free_system(contact: Contact, control: Control, gap: Field) -> LinearSystem:
     """Return the system of A on the free points, for an A that is positive there."""
     is_free = gap > 0
-    hessian = contact.hessian(gap, control).restricted(is_free)
+    hessian = contact.hessian(gap, control).restriction(is_free)
     adhesion = total(jnp.maximum(hessian.curvature, 0)) / gap.size
     inverse = hessian.inverse(contact.solid.min_stiffness + adhesion)
     return LinearSystem(hessian, inverse, lambda field: control.project(field, is_free))

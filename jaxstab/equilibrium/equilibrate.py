@@ -24,7 +24,7 @@ from jaxstab.equilibrium.equilibrium import (
     State,
     equilibrium_at,
 )
-from jaxstab.equilibrium.posing import Posed, finished, posed, warn_at_edges
+from jaxstab.equilibrium.posing import Posed, finish, pose, warn_at_edges
 from jaxstab.equilibrium.solvers.base import EquilibriumSolver, Problem
 from jaxstab.equilibrium.solvers.base import State as SolverState
 from jaxstab.equilibrium.solvers.conjugate_gradients import PreconditionedConjugateGradient
@@ -83,7 +83,7 @@ def equilibrate(
     load.warn_if_soft(contact.solid)
     solver = solver_or_default(solver, EquilibriumSolver, PreconditionedConjugateGradient)
     warn_if_coarse(contact)
-    problem = posed(contact, load)
+    problem = pose(contact, load)
     start = start_of(problem.contact, problem.state, initial)
     return equilibrium_from(start, contact, load, problem, solver, throw)
 
@@ -97,8 +97,8 @@ def equilibrium_from(
     throw: bool,
 ) -> Equilibrium:
     """Return the equilibrium of a contact under a load, given both as they are posed too."""
-    found = solved(problem.contact, problem.state, solver, start)
-    equilibrium = finished(found, problem, partial(_describe, contact), throw)
+    found = solve(problem.contact, problem.state, solver, start)
+    equilibrium = finish(found, problem, partial(_describe, contact), throw)
     # As it was given, without the rounding of conversions.
     equilibrium = replace(equilibrium, load=load)
     warn_at_edges(contact, equilibrium)
@@ -107,7 +107,7 @@ def equilibrium_from(
 
 
 @own_conventions()
-def solved(contact: Contact, load: Load, solver: EquilibriumSolver, start: Field) -> Equilibrium:
+def solve(contact: Contact, load: Load, solver: EquilibriumSolver, start: Field) -> Equilibrium:
     """Return the equilibrium of a contact under a load as they are posed, differentiable."""
     constants = jax.lax.stop_gradient((contact, load, solver, start))
     return with_derivatives(find(*constants), (contact, load))
@@ -127,17 +127,17 @@ def find(contact: Contact, load: Load, solver: EquilibriumSolver, start: Field) 
 
     All in the characteristic pressure. Whatever seeks an equilibrium shares this program.
     """
-    return _found(contact, load, solver.in_precision(contact.heights.dtype), start)
+    return _find(contact, load, solver.in_precision(contact.heights.dtype), start)
 
 
 @program
 @by_entries
-def _found(contact: Contact, load: Load, solver: EquilibriumSolver, initial: Field) -> Equilibrium:
+def _find(contact: Contact, load: Load, solver: EquilibriumSolver, initial: Field) -> Equilibrium:
     problem = Problem.of(contact, contact.control(load))
-    return concluded(contact, load, solver.run(problem, started(contact, load, initial)))
+    return conclude(contact, load, solver.run(problem, starting_gap(contact, load, initial)))
 
 
-def started(contact: Contact, load: Load, initial: Field) -> Field:
+def starting_gap(contact: Contact, load: Load, initial: Field) -> Field:
     """Return a gap to start a solver from, NaN for a load or a contact without an answer."""
     control = contact.control(load)
     start = jnp.maximum(initial.astype(contact.heights.dtype), 0)
@@ -150,7 +150,7 @@ def started(contact: Contact, load: Load, initial: Field) -> Field:
     return jax.lax.cond(contact.has_core, lift, lambda gap: gap, gap)
 
 
-def concluded(contact: Contact, load: Load, iteration: Iteration[SolverState]) -> Equilibrium:
+def conclude(contact: Contact, load: Load, iteration: Iteration[SolverState]) -> Equilibrium:
     """Return the equilibrium that a solver has come to, and how."""
     control = contact.control(load)
     gap = iteration.state.gap

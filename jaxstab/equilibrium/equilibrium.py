@@ -124,10 +124,10 @@ def fields_of(contact: Contact, load: Load, gap: Field) -> tuple[Fields, Field]:
     control = contact.control(load)
     gap = control.restore(gap)
     net = control.net_pressure(contact.gradient(gap), gap)
-    return assembled(contact, gap, net, contact.energy(gap)), net
+    return fields_at(contact, gap, net, contact.energy(gap)), net
 
 
-def assembled(contact: Contact, gap: Field, net: Field, energy: Scalar) -> Fields:
+def fields_at(contact: Contact, gap: Field, net: Field, energy: Scalar) -> Fields:
     """Return the differentiable fields of a state from its gap, NaN where it is, and the rest."""
     attraction = slope(contact.potential, gap)
     reaction = model.reaction(net, gap)
@@ -169,7 +169,7 @@ def equilibrium_at(
         area=contact.area,
         units=contact.units,
         is_window=contact.solid.is_window,
-        **assembled(contact, gap, balance.net, energy),
+        **fields_at(contact, gap, balance.net, energy),
         **how,
     )
 
@@ -230,14 +230,14 @@ def single_start(state: Any) -> Any:
     """Return the one equilibrium, or recorded state of a path, that a state is or holds."""
     held = getattr(state, "equilibrium", state)
     if not hasattr(held, "gap") or isinstance(held, Equilibrium):
-        return _found(single_equilibrium(state))
+        return _with_finite_gap(single_equilibrium(state))
     require_single(held)
     if held.gap is None:
         raise ValueError(
             "The state of the path was recorded without its gap: start from path[-1], which has "
             "it, or follow the path with fields=True."
         )
-    return _found(held)
+    return _with_finite_gap(held)
 
 
 def equilibrium_of(contact: Contact, state: State | None) -> Equilibrium:
@@ -257,7 +257,7 @@ def equilibrium_of(contact: Contact, state: State | None) -> Equilibrium:
 
 def found_equilibrium(contact: Contact, state: State) -> Equilibrium:
     """Return the one equilibrium that a state is or holds; a known one without gaps is an error."""
-    return _found(equilibrium_of(contact, state))
+    return _with_finite_gap(equilibrium_of(contact, state))
 
 
 def defined_contact(contact: Contact, state: State) -> Equilibrium:
@@ -276,7 +276,7 @@ def _require_defined(contact_area: Scalar) -> None:
     require_finite("The contact area", contact_area, cure)
 
 
-def _found(state: Any) -> Any:
+def _with_finite_gap(state: Any) -> Any:
     result = getattr(state, "result", RESULTS.nonfinite)
     _require_finite_gap(state.gap, result)
     return state

@@ -60,17 +60,17 @@ class Posed(eqx.Module, Generic[State]):
     unit: Scalar
 
 
-def posed(contact: Contact, load: Load) -> Posed[Load]:
+def pose(contact: Contact, load: Load) -> Posed[Load]:
     """Return a contact and a load, or several, as they are solved."""
-    return _posed(contact.padded, load)
+    return _pose(contact.padded, load)
 
 
 def posed_state(contact: Contact, equilibrium: Equilibrium) -> Posed[Equilibrium]:
     """Return a contact and one of its equilibria, on the grid and in the unit of solvers."""
-    return _posed(*padded_state(contact, equilibrium))
+    return _pose(*padded_state(contact, equilibrium))
 
 
-def _posed(contact: Contact, state: State) -> Posed[State]:
+def _pose(contact: Contact, state: State) -> Posed[State]:
     contact = eqx.tree_at(lambda contact: contact.solid, contact, contact.solid.prepared)
     own, unit = _in_characteristic_pressure(contact.known_core, contact)
     return Posed(own, _in_units_of(state, unit), unit)
@@ -88,7 +88,7 @@ def _in_units_of(state: State, unit: Scalar) -> State:
     return state.in_units_of(unit)
 
 
-def finished(found: Found, problem: Posed, describe: Callable[[Found], str], throw: bool) -> Found:
+def finish(found: Found, problem: Posed, describe: Callable[[Found], str], throw: bool) -> Found:
     """Return a result in the unit and on the grid of the user, or raise its failure.
 
     Arguments:
@@ -158,7 +158,7 @@ def warn_at_edges(contact: Contact, equilibrium: Equilibrium) -> None:
 
 
 @program
-def continued(contact: Contact, gap: Field) -> Field:
+def continue_by_mirrors(contact: Contact, gap: Field) -> Field:
     """Return a gap whose displacement goes on outside of the window by its mirror images."""
     if not contact.solid.is_padded:
         return gap
@@ -179,7 +179,7 @@ def _relaxed_outside(contact: Contact, load: Load, gap: Field) -> Field:
     solid = contact.solid
     control = contact.control(load)
     is_outside = ~where_window(gap)
-    start = continued(contact, gap)
+    start = continue_by_mirrors(contact, gap)
     hessian = Hessian(solid, jnp.zeros_like(start), control.stiffness, is_outside)
     system = LinearSystem(
         hessian,

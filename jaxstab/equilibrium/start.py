@@ -9,7 +9,7 @@ from jaxstab.core.compile import program
 from jaxstab.core.grid import resample
 from jaxstab.core.types import ArrayLike, Field
 from jaxstab.equilibrium.equilibrium import Equilibrium, State, single_start
-from jaxstab.equilibrium.posing import continued, posed_gap
+from jaxstab.equilibrium.posing import continue_by_mirrors, posed_gap
 from jaxstab.loads.load import Control, Load
 
 Initial = ArrayLike | State | None
@@ -35,7 +35,7 @@ def start_of(contact: Contact, load: Load, initial: Initial) -> Field:
 def initial_of_path(contact: Contact, load: Load, initial: Initial) -> Initial:
     """Return what a path begins with: by default separated surfaces, if a spring allows it."""
     if initial is None and _kind_of_control(contact, load).stiffness is not None:
-        return _separated(contact, load)
+        return _separated_gap(contact, load)
     return initial
 
 
@@ -66,11 +66,11 @@ def given_gap(contact: Contact, load: Load, initial: ArrayLike | State) -> Field
 def _at_rest(contact: Contact, load: Load) -> Field:
     heights = contact.solid.surface(contact.heights)
     # A solid that is not deformed has no pressures beyond the surface either.
-    return continued(contact, _control_of_surface(contact, load).starting_gap(heights))
+    return continue_by_mirrors(contact, _control_of_surface(contact, load).starting_gap(heights))
 
 
 @program
-def _separated(contact: Contact, load: Load) -> Field:
+def _separated_gap(contact: Contact, load: Load) -> Field:
     heights = contact.solid.surface(contact.heights)
     return _control_of_surface(contact, load).separated_gap(heights, contact.profile)
 

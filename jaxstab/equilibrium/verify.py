@@ -13,15 +13,15 @@ from jaxstab.equilibrium.posing import posed_state
 
 
 @program
-def recognised(contact: Contact, equilibrium: Equilibrium) -> RESULTS:
+def verify(contact: Contact, equilibrium: Equilibrium) -> RESULTS:
     """Return whether a state is in equilibrium in this contact, under its load."""
     problem = posed_state(contact, equilibrium)
     control = problem.contact.control(problem.state.load)
     balance = problem.contact.balance(control)(problem.state.gap)
-    return recognised_by(balance, problem.contact, problem.state)
+    return verify_balance(balance, problem.contact, problem.state)
 
 
-def recognised_by(balance: Balance, contact: Contact, equilibrium: Equilibrium) -> RESULTS:
+def verify_balance(balance: Balance, contact: Contact, equilibrium: Equilibrium) -> RESULTS:
     """Return the same, from the balance of pressures evaluated anew."""
     gap = equilibrium.gap
     reaction = equilibrium.reaction

@@ -24,15 +24,15 @@ from jaxstab.core.checks import (
     scalar_parameter,
 )
 from jaxstab.core.compile import own_conventions, program
-from jaxstab.core.implicit import attach, undefined
+from jaxstab.core.implicit import attach, no_derivatives
 from jaxstab.core.interrupts import early_ends, interrupts_after, interrupts_held
 from jaxstab.core.progress import progress_bar
 from jaxstab.core.results import RESULTS, throw_failure
-from jaxstab.core.stack import stacked
+from jaxstab.core.stack import stack_of
 from jaxstab.core.types import ArrayLike, Scalar
 from jaxstab.core.warn import warn
 from jaxstab.equilibrium import Equilibrium
-from jaxstab.equilibrium.posing import Posed, as_given, posed
+from jaxstab.equilibrium.posing import Posed, as_given, pose
 from jaxstab.equilibrium.start import start_of
 from jaxstab.evolution.evolution import (
     Evolution,
@@ -133,7 +133,7 @@ def evolve(
 
     if isinstance(initial, Evolution):
         require_same_contact(contact, initial.contact, "The initial evolution")
-    problem = posed(contact, load)
+    problem = pose(contact, load)
     start = _start(problem, initial)
     inputs = problem, instants, start, tolerance
     is_alone = not is_transformed(inputs)
@@ -151,7 +151,7 @@ def evolve(
     # An interrupt here would lose it.
     with interrupts_held() as interrupts:
         if isinstance(ends, list):
-            ends = stacked(ends, ends[0])
+            ends = stack_of(ends, ends[0])
         evolution = _evolution(contact, problem, instants, start, steps, ends)
         # As they were given, without the rounding of conversions.
         evolution = replace(evolution, contact=contact, load=load[: len(evolution)])
@@ -260,7 +260,7 @@ def _evolution(
     extremes = jnp.max(jnp.where(is_extreme, order, 0), axis=1)
     tension, compression = jnp.take_along_axis(signed, extremes[:, None], axis=1)[:, 0]
     # Which step is the extreme one has no derivative.
-    instants = attach(undefined, jnp.append(times[:1], step_ends)[extremes], None, inputs)
+    instants = attach(no_derivatives, jnp.append(times[:1], step_ends)[extremes], None, inputs)
     evolution = Evolution(
         **vars(totals) | {"stored": totals.stored - totals.stored[0]},
         contact=contact,
@@ -271,7 +271,7 @@ def _evolution(
         largest_tension_time=instants[0],
         largest_compression=compression,
         largest_compression_time=instants[1],
-        fields=attach(undefined, ends.internal, None, inputs),
+        fields=attach(no_derivatives, ends.internal, None, inputs),
         last=last,
         reached=jnp.where(increments.count > 0, step_ends[increments.count - 1], times[0]),
         jump_times=step_ends,

@@ -12,7 +12,7 @@ from jaxstab.contact.hessian import Hessian
 from jaxstab.core.checks import require_kind
 from jaxstab.core.compile import own_conventions, program
 from jaxstab.core.grid import total
-from jaxstab.core.implicit import attach, finite, pushed, undefined
+from jaxstab.core.implicit import attach, finite, no_derivatives, tangent_of
 from jaxstab.core.types import Field, Flag, Mask, Scalar
 from jaxstab.equilibrium.posing import posed_state
 from jaxstab.evolution.evolution import Evolution
@@ -81,7 +81,7 @@ def _singular_stiffening(
 
     def step(state: tuple) -> tuple:
         c, _, starts, _, number = state
-        found = on_space(solver, _stiffened(c, glassy, contact, load, gap), space, starts)
+        found = on_space(solver, _hessian_at(c, glassy, contact, load, gap), space, starts)
         mode = found.pair.mode
         slope = _slope(mode, c, glassy, contact, load, gap)
         new = jnp.clip(c - found.pair.eigenvalue / slope, 1, 2 * glassy)
@@ -93,7 +93,7 @@ def _singular_stiffening(
     return jnp.where(space.is_trivial, 1, c), mode
 
 
-def _stiffened(c: Scalar, glassy: Scalar, contact: Contact, load: Load, gap: Field) -> Hessian:
+def _hessian_at(c: Scalar, glassy: Scalar, contact: Contact, load: Load, gap: Field) -> Hessian:
     """Return c K + D, with the load's part; the solid of the contact is the glassy one."""
     solid = contact.solid.scaled(c / glassy)
     control = load.control(solid, contact.heights)
@@ -101,7 +101,7 @@ def _stiffened(c: Scalar, glassy: Scalar, contact: Contact, load: Load, gap: Fie
 
 
 def _quotient(mode: Field, c: Scalar, *inputs: Any) -> Scalar:
-    return total(mode * _stiffened(c, *inputs)(mode))
+    return total(mode * _hessian_at(c, *inputs)(mode))
 
 
 def _slope(mode: Field, c: Scalar, *inputs: Any) -> Scalar:
@@ -115,8 +115,8 @@ def _changes_of_stiffening(
     inputs = finite(jnp.isfinite(c), inputs)
     is_found = jnp.isfinite(c)
     # In second derivatives the mode moves.
-    mode = attach(undefined, mode, None, inputs)
-    work = pushed(partial(_quotient, mode, c), inputs, changes)
+    mode = attach(no_derivatives, mode, None, inputs)
+    work = tangent_of(partial(_quotient, mode, c), inputs, changes)
     slope = _slope(mode, c, *inputs)
     return -work / jnp.where(slope > 0, slope, 1), ~is_found
 

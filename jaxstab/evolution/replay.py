@@ -9,7 +9,7 @@ from jaxtyping import Array, Float, Int
 
 from jaxstab.contact import Contact
 from jaxstab.core.control_flow import entry_of
-from jaxstab.core.implicit import nan_if, pushed
+from jaxstab.core.implicit import nan_if, tangent_of
 from jaxstab.core.table import Table
 from jaxstab.core.types import Flag, Scalar
 from jaxstab.evolution.evolution import Internal, Totals
@@ -42,7 +42,7 @@ def changes(
 ) -> tuple[Replay, Flag]:
     """Return how the results of steps change with the inputs of a replay, a rule for `attach`."""
     increments, ends = known
-    moved: Replay = pushed(partial(replay, increments, ends.num_steps), inputs, tangents)
+    moved: Replay = tangent_of(partial(replay, increments, ends.num_steps), inputs, tangents)
     totals = jax.tree.map(partial(jax.vmap(nan_if), ~ends.is_found), moved.totals)
     return moved._replace(totals=totals), jnp.array(False)
 

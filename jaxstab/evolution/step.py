@@ -29,7 +29,7 @@ from jaxstab.core.grid import mean, total
 from jaxstab.core.results import RESULTS
 from jaxstab.core.types import Field, Flag, Scalar
 from jaxstab.equilibrium import PreconditionedConjugateGradient
-from jaxstab.equilibrium.equilibrate import solved
+from jaxstab.equilibrium.equilibrate import solve
 from jaxstab.evolution.evolution import Internal, Totals, moved_contact, on_gap, or_nan
 from jaxstab.loads import Load, Spring
 from jaxstab.potentials import energy_density
@@ -124,7 +124,7 @@ def take_step(
     if control.fixes_mean:
         # Full contact opens everywhere at once.
         start = jnp.where(jnp.max(start) > 0, start, 1)
-    found = solved(moved, load, PreconditionedConjugateGradient(), start)
+    found = solve(moved, load, PreconditionedConjugateGradient(), start)
     gap = found.gap
     pressure = found.mean_pressure
 

@@ -21,7 +21,7 @@ from jaxstab.core.optional_packages import require_packages, versions
 from jaxstab.core.results import RESULTS
 from jaxstab.core.units import LENGTH, unit_symbol
 from jaxstab.equilibrium import Equilibrium
-from jaxstab.equilibrium.verify import recognised
+from jaxstab.equilibrium.verify import verify
 from jaxstab.evolution import Evolution
 from jaxstab.evolution.evolution import OF_RUN
 from jaxstab.files.records import NamedArray, Recorder, Structure
@@ -227,7 +227,7 @@ def _require_own(contact: Contact, states: PyTree) -> None:
     for i in {*found[:1], *found[-1:]}:
         place = np.unravel_index(i, states.stack_shape)
         state = jax.tree.map(itemgetter(place), states)
-        if recognised(contact, state) != RESULTS.successful:
+        if verify(contact, state) != RESULTS.successful:
             raise ValueError(
                 "The result is no equilibrium of this contact, which has other heights, another "
                 "law or another solid: give the contact that it came from."

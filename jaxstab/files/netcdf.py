@@ -22,7 +22,7 @@ from jaxstab.core.optional_packages import NETCDF, require_packages
 from jaxstab.core.warn import warn
 from jaxstab.evolution import Evolution
 from jaxstab.files.dataset import FORMAT, Result, to_dataset
-from jaxstab.files.records import LostFunction, Structure, functions_of, lost_classes, restored
+from jaxstab.files.records import LostFunction, Structure, functions_of, lost_classes, restore
 from jaxstab.files.tabulated_law import require_same_law
 from jaxstab.potentials import Potential, as_module
 
@@ -116,11 +116,11 @@ def load(path: str | Path, *, potential: Potential | None = None) -> tuple[Conta
         ImportError: without xarray, h5netcdf and h5py.
     """
     path = Path(path)
-    with _opened(path) as dataset:
+    with _open(path) as dataset:
         arrays = _arrays(dataset)
         attributes = dict(dataset.attrs)
     _require_format(path, attributes)
-    damaged = _damaged(arrays, attributes)
+    damaged = _damaged_parts(arrays, attributes)
     if damaged:
         raise ValueError(f"{path} was changed since it was written, or is damaged: {damaged[0]}.")
     structure = json.loads(attributes["structure"])
@@ -133,12 +133,12 @@ def load(path: str | Path, *, potential: Potential | None = None) -> tuple[Conta
     fields = structure["contact"]["fields"]
     law = fields["potential"]
     fields["potential"] = None
-    contact = restored(structure["contact"], arrays)
+    contact = restore(structure["contact"], arrays)
     law = _law(law, arrays, potential, contact.heights.dtype)
     object.__setattr__(contact, "potential", law)
     if not isinstance(law, LostFunction):
         require_same_law(contact, arrays, path)
-    result = restored(structure["result"], arrays)
+    result = restore(structure["result"], arrays)
     if isinstance(result, Evolution):
         result = replace(result, contact=contact)
     return contact, result
@@ -149,7 +149,7 @@ def attributes_of(path: str | Path) -> dict[str, str] | None:
     with Path(path).open("rb") as file:
         if file.read(len(_MAGIC)) != _MAGIC:
             return None
-    with _opened(Path(path)) as dataset:
+    with _open(Path(path)) as dataset:
         if "versions" not in dataset.attrs:
             return None
         return dict(dataset.attrs)
@@ -173,7 +173,7 @@ def _checksums(arrays: dict[str, np.ndarray], attributes: dict[str, str]) -> dic
     return {name: zlib.crc32(content) for name, content in contents.items()}
 
 
-def _damaged(arrays: dict[str, np.ndarray], attributes: dict[str, str]) -> list[str]:
+def _damaged_parts(arrays: dict[str, np.ndarray], attributes: dict[str, str]) -> list[str]:
     """Return the parts of a file whose checksums are not those that were written."""
     try:
         written = json.loads(attributes["checksums"])
@@ -197,7 +197,7 @@ def _encoding(dataset: xarray.Dataset) -> dict[Hashable, dict[str, object]]:
 
 
 @contextmanager
-def _opened(path: Path) -> Iterator[xarray.Dataset]:
+def _open(path: Path) -> Iterator[xarray.Dataset]:
     """Open a NetCDF file; `ValueError` if it is damaged where it is read."""
     require_packages("NetCDF files", "data", *NETCDF)
     import xarray
@@ -238,4 +238,4 @@ def _law(
     lost = functions_of(structure) + lost_classes(structure)
     if lost:
         return LostFunction(lost[0])
-    return restored(structure, arrays)
+    return restore(structure, arrays)

@@ -21,7 +21,7 @@ from jaxstab.core.closures import BareFunction
 from jaxstab.core.enumeration import Enumeration
 from jaxstab.core.grid import Mesh
 from jaxstab.core.history import History
-from jaxstab.core.units import Units, declared
+from jaxstab.core.units import Units, declared_dimensions
 
 # A structure is JSON, as Python objects.
 Structure = Any
@@ -129,7 +129,7 @@ class Recorder:
                 (*path, name),
                 (axes_of or {}).get(name, axes),
                 None,
-                declared(type(value)).get(name, ()),
+                declared_dimensions(type(value)).get(name, ()),
             )
             for name, part in sorted(parts.items(), key=lambda item: _has_parts(item[1]))
         }
@@ -177,31 +177,31 @@ def _has_parts(value: object) -> bool:
     return isinstance(value, eqx.Module) and not isinstance(value, Enumeration)
 
 
-def restored(structure: Structure, arrays: Mapping[str, np.ndarray]) -> PyTree:
+def restore(structure: Structure, arrays: Mapping[str, np.ndarray]) -> PyTree:
     """Return the pytree of a structure and its arrays."""
     if structure is None:
         return None
     match structure:
         case {"members": "KINDS", "array": "end"}:
             # The ends of branches were kinds of events once.
-            return restored({"members": "ENDS", "array": "end"}, arrays)
+            return restore({"members": "ENDS", "array": "end"}, arrays)
         case {"members": str(name), "array": str(array)}:
             members = _public(f"{_PACKAGE}:{name}")
             if not (isinstance(members, type) and issubclass(members, Enumeration)):
                 raise ValueError(f"{name} of the file is no enumeration of jaxstab.")
-            return members(_coded(_named(array, arrays), members.names.tolist()))
+            return members(_codes_of(_find_array(array, arrays), members.names.tolist()))
         case {"array": str(name)}:
-            return jax.device_put(_named(name, arrays))
+            return jax.device_put(_find_array(name, arrays))
         case {"value": bool() | int() | float() | str() as value}:
             return value
         case {"units": list(parts)}:
             return Units(*parts)
         case {"tuple": list(parts)}:
-            return tuple(restored(part, arrays) for part in parts)
+            return tuple(restore(part, arrays) for part in parts)
         case {"list": list(parts)}:
-            return [restored(part, arrays) for part in parts]
+            return [restore(part, arrays) for part in parts]
         case {"dict": dict(parts)}:
-            return {key: restored(part, arrays) for key, part in parts.items()}
+            return {key: restore(part, arrays) for key, part in parts.items()}
         case {"function": str(name)}:
             return LostFunction(name)
         case {"class": str(path), "fields": dict(contents)}:
@@ -221,7 +221,7 @@ def _module(path: str, contents: dict[str, Structure], arrays: Mapping[str, np.n
             f"{', '.join(contents)}: it was written with another version of the class."
         )
     module = object.__new__(found)
-    found_fields = {name: restored(part, arrays) for name, part in contents.items()}
+    found_fields = {name: restore(part, arrays) for name, part in contents.items()}
     for name, value in {**absent, **found_fields}.items():
         object.__setattr__(module, name, value)
     return module
@@ -238,7 +238,7 @@ def lost_classes(structure: Structure) -> list[str]:
     return lost
 
 
-def _named(name: str, arrays: Mapping[str, np.ndarray]) -> np.ndarray:
+def _find_array(name: str, arrays: Mapping[str, np.ndarray]) -> np.ndarray:
     if name not in arrays:
         raise ValueError(f"The file lacks {name}: it was changed since it was written.")
     return arrays[name]
@@ -285,7 +285,7 @@ def _public(path: str) -> object:
     return next((vars(room)[word] for room in _PUBLIC.get(name, ()) if word in vars(room)), None)
 
 
-def _coded(words: np.ndarray, names: list[str]) -> np.ndarray:
+def _codes_of(words: np.ndarray, names: list[str]) -> np.ndarray:
     unknown = set(words.ravel().tolist()) - set(names)
     if unknown:
         raise ValueError(f"{', '.join(unknown)} in the file is not one of {', '.join(names)}.")

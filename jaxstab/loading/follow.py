@@ -24,14 +24,14 @@ from jaxstab.core.checks import (
 )
 from jaxstab.core.compile import own_conventions
 from jaxstab.core.display import several
-from jaxstab.core.implicit import attach, undefined, where_traced
+from jaxstab.core.implicit import attach, no_derivatives, where_traced
 from jaxstab.core.interrupts import early_ends, interrupts_held
 from jaxstab.core.progress import progress_bar
 from jaxstab.core.results import RESULTS
 from jaxstab.core.types import ArrayLike, Field, Scalar
 from jaxstab.core.warn import warn
 from jaxstab.equilibrium.equilibrium import State
-from jaxstab.equilibrium.posing import finished, posed
+from jaxstab.equilibrium.posing import finish, pose
 from jaxstab.equilibrium.start import initial_of_path, start_of
 from jaxstab.equilibrium.validity import warn_beyond_hardness
 from jaxstab.loading.jump_detection import Progress
@@ -134,7 +134,7 @@ def follow(
     require("max_jumps", room.num_events, room.num_events >= 1, "leave room for one.")
     warn_if_coarse(contact, FOR_JUMPS)
     load.warn_if_soft(contact.solid)
-    problem = posed(contact, load)
+    problem = pose(contact, load)
     initial = initial_of_path(contact, load[0], initial)
     start = start_of(problem.contact, problem.state[0], initial)
     inputs = problem.contact, problem.state
@@ -150,7 +150,7 @@ def follow(
         path = _with_derivatives(path, inputs, others)
     # An interrupt here would lose a long path.
     with interrupts_held() as held:
-        path = finished(path, problem, partial(_describe, load), throw)
+        path = finish(path, problem, partial(_describe, load), throw)
     states = path.equilibrium
     warn_beyond_hardness(contact, states.mean_pressure, states.contact_area)
     if held:
@@ -173,7 +173,7 @@ def _with_derivatives(path: Path, inputs: tuple[Contact, Load], others: tuple) -
 
     values = jax.lax.map(value, path.jumps)
     numbers, rest = eqx.partition(path, eqx.is_inexact_array)
-    path = eqx.combine(attach(undefined, numbers, None, (contact, load, others)), rest)
+    path = eqx.combine(attach(no_derivatives, numbers, None, (contact, load, others)), rest)
     return replace(path, jumps=replace(path.jumps, load=path.jumps.load.at(values)))
 
 

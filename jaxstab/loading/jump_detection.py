@@ -253,7 +253,7 @@ def apply_step(
     is_apart = (progress.is_apart & ~outcome.is_touch) | outcome.is_pulled
     is_state = accepts & ~is_apart
 
-    bisection = _bisected(load_path, progress.bisection, trial, outcome)
+    bisection = _bisect(load_path, progress.bisection, trial, outcome)
     next_length = _next_length(load_path, progress, trial, outcome)
     # The solver may find its way from further on, but not from anywhere.
     has_failed = outcome.is_lost & (trial.is_end | (trial.length > load_path.max_step / FARTHER))
@@ -280,7 +280,7 @@ def apply_step(
     return after, Record(here, is_state, event, is_event)
 
 
-def _bisected(
+def _bisect(
     load_path: LoadPath, bisection: Bisection, trial: TrialStep, outcome: StepOutcome
 ) -> Bisection:
     """Return the knowledge of a load ahead after a step."""

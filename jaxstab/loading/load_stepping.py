@@ -34,7 +34,7 @@ class _Store(Protocol):
 Store = TypeVar("Store", bound=_Store)
 
 
-def _unchanged(record: Record) -> Record:
+def _whole_record(record: Record) -> Record:
     return record
 
 
@@ -42,7 +42,7 @@ def step_to_end(
     load_path: LoadPath,
     start: Field,
     empty: Callable[[Record], Store],
-    explain: Callable[[Record], Record] = _unchanged,
+    explain: Callable[[Record], Record] = _whole_record,
 ) -> tuple[Progress, Store]:
     """Return the progress at the end of a load path, or where the store is full, and the store.
 

@@ -23,7 +23,7 @@ from jaxstab.core.stack import nothing_like
 from jaxstab.core.types import ArrayLike, Field, Flag, Scalar
 from jaxstab.equilibrium import Equilibrium, equilibrate
 from jaxstab.equilibrium.equilibrium import single_start
-from jaxstab.equilibrium.posing import finished, posed, posed_gap
+from jaxstab.equilibrium.posing import finish, pose, posed_gap
 from jaxstab.equilibrium.start import Initial, given_gap
 from jaxstab.loading.event import Event
 from jaxstab.loading.load_path import DISTURBANCE, load_path_of
@@ -81,7 +81,7 @@ def pull_off(
         machine = Spring(0.0, scalar_parameter(spring, "The stiffness of the spring"))
     with warned_once(contact, FOR_JUMPS):
         first, gap = _start(jax.lax.stop_gradient(contact), initial)
-    problem = posed(contact, first)
+    problem = pose(contact, first)
     here, first = jax.lax.stop_gradient((problem.contact, problem.state))
     start = posed_gap(here, first, gap)
     if machine is None:
@@ -98,7 +98,7 @@ def pull_off(
     def describe(_: CriticalLoad) -> str:
         return _describe(load.in_units_of(1 / problem.unit))
 
-    return finished(replace(end, after=after), problem, describe, throw)
+    return finish(replace(end, after=after), problem, describe, throw)
 
 
 class _Strongest(eqx.Module):
@@ -127,7 +127,7 @@ class _Strongest(eqx.Module):
         return cond(record.event.is_jump, lambda: self._or(record.event), lambda: self)
 
     def _or(self, event: Event) -> _Strongest:
-        tension, is_stronger = _compared(self.tension, event.before.mean_pressure)
+        tension, is_stronger = _compare_tensions(self.tension, event.before.mean_pressure)
         return cond(is_stronger, lambda: _Strongest(event, tension), lambda: self)
 
 
@@ -140,7 +140,7 @@ def _no_jump(like: Record[PathPoint, Event]) -> _Strongest:
 
 
 @program
-def _compared(largest: Scalar, mean_pressure: Scalar) -> tuple[Scalar, Flag]:
+def _compare_tensions(largest: Scalar, mean_pressure: Scalar) -> tuple[Scalar, Flag]:
     """Return the tension of a mean pressure, and whether it is larger than another one."""
     return -mean_pressure, -mean_pressure > largest
 

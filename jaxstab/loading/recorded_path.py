@@ -94,10 +94,10 @@ def _jump(contact: Contact, loads: Load, event: Event) -> Jump:
     """Return a jump with the end of the branch that it leaves."""
     load = loads[0].at(event.before.value)
 
-    def explained() -> tuple[KINDS, Field, BarrierLaw]:
-        return _explained(contact, limit_ahead(contact, load, event.before.gap, event.ahead))
+    def explain() -> tuple[KINDS, Field, BarrierLaw]:
+        return _explanation(contact, limit_ahead(contact, load, event.before.gap, event.ahead))
 
-    kind, mode, law = cond(event.is_jump, explained, lambda: _unexplained(load, event))
+    kind, mode, law = cond(event.is_jump, explain, lambda: _no_explanation(load, event))
     return Jump(
         load=load,
         kind=kind,
@@ -111,13 +111,13 @@ def _jump(contact: Contact, loads: Load, event: Event) -> Jump:
 
 
 @program
-def _explained(contact: Contact, limit: Limit) -> tuple[KINDS, Field, BarrierLaw]:
+def _explanation(contact: Contact, limit: Limit) -> tuple[KINDS, Field, BarrierLaw]:
     where = limit.load, limit.gap, limit.kind, limit.mode, limit.point
     return limit.kind, limit.mode, barrier_law(contact, *where)
 
 
 @program
-def _unexplained(load: Load, event: Event) -> tuple[KINDS, Field, BarrierLaw]:
+def _no_explanation(load: Load, event: Event) -> tuple[KINDS, Field, BarrierLaw]:
     gap = event.before.gap
     nan = jnp.full((), jnp.nan, gap.dtype)
     law = BarrierLaw(nan, nan, nan, load.unit)

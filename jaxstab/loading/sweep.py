@@ -24,7 +24,7 @@ from jaxstab.core.interrupts import early_ends
 from jaxstab.core.loop import solver_or_default
 from jaxstab.core.progress import progress_bar
 from jaxstab.core.results import RESULTS, throw_failure
-from jaxstab.core.stack import Stackable, first_entries, stacked
+from jaxstab.core.stack import Stackable, first_entries, stack_of
 from jaxstab.core.types import Field, Flag
 from jaxstab.core.units import STIFFNESS
 from jaxstab.core.warn import warn
@@ -34,7 +34,7 @@ from jaxstab.equilibrium import (
     PreconditionedConjugateGradient,
 )
 from jaxstab.equilibrium.equilibrate import equilibrium_from
-from jaxstab.equilibrium.posing import posed, posed_gap
+from jaxstab.equilibrium.posing import pose, posed_gap
 from jaxstab.equilibrium.start import Initial, given_gap, initial_of_path, start_of
 from jaxstab.loads import Load, require_load
 from jaxstab.stability import ConeSolver, ProjectedLOBPCG, Stability, assess_stability
@@ -185,7 +185,7 @@ class _Problem(eqx.Module):
     def solve(self, last: _Last, load: Load, throw: bool = False) -> tuple[_Last, Sweep]:
         """Return the state at one load, and where the next load starts."""
         contact = self.contact
-        problem = posed(contact, load)
+        problem = pose(contact, load)
         inputs = problem.contact, problem.state
 
         def start_together() -> Field:
@@ -235,7 +235,7 @@ def _solve_one_by_one(
             raise
         message = f"The sweep was interrupted: {len(states)} of {load.value.size} loads are done."
         warn(message, SweepInterrupted)
-    return stacked(states, states[0])
+    return stack_of(states, states[0])
 
 
 @partial(program, static_argnames="throw")

@@ -10,7 +10,7 @@ from jaxstab.core import model
 from jaxstab.core.grid import mean
 from jaxstab.core.types import Field, Flag, Mask, Scalar
 from jaxstab.core.units import LENGTH
-from jaxstab.loads.load import Control, Load, prescribed
+from jaxstab.loads.load import Control, Load, prescribed_value
 from jaxstab.solids.solid import Solid
 
 
@@ -74,7 +74,7 @@ class MeanDisplacement(Load):
     quantity: ClassVar[str] = "mean displacement $u_0$"
     is_position: ClassVar[bool] = True
 
-    value: Annotated[Float[Array, "..."], LENGTH] = eqx.field(converter=prescribed)
+    value: Annotated[Float[Array, "..."], LENGTH] = eqx.field(converter=prescribed_value)
 
     def control(self, solid: Solid, heights: Field) -> GapControl:
         """Hold the mean gap at mean(u) - mean(h)."""
@@ -87,7 +87,7 @@ class MeanGap(Load):
 
     quantity: ClassVar[str] = "mean gap $g_0$"
 
-    value: Annotated[Float[Array, "..."], LENGTH] = eqx.field(converter=prescribed)
+    value: Annotated[Float[Array, "..."], LENGTH] = eqx.field(converter=prescribed_value)
 
     def control(self, solid: Solid, heights: Field) -> GapControl:
         """Hold the mean gap at the value."""

@@ -205,7 +205,7 @@ def require_same_machine(load: Load) -> None:
         require("The load", load, (numbers == numbers[0]).all(), cure)
 
 
-def prescribed(value: ArrayLike) -> Float[Array, "..."]:
+def prescribed_value(value: ArrayLike) -> Float[Array, "..."]:
     """Return a prescribed value as an array."""
     given = parameter(value)
     return cast(given, given.dtype)

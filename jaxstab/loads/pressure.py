@@ -11,7 +11,7 @@ from jaxstab.core import model
 from jaxstab.core.grid import mean
 from jaxstab.core.types import Field, Flag, Mask, Scalar
 from jaxstab.core.units import PRESSURE
-from jaxstab.loads.load import Control, Load, prescribed
+from jaxstab.loads.load import Control, Load, prescribed_value
 from jaxstab.potentials.profile import Profile
 from jaxstab.solids.solid import Solid
 
@@ -49,11 +49,11 @@ class PressingControl(Control):
 
     def net_pressure(self, gradient: Field, gap: Field) -> Field:
         """Return the gradient plus p0."""
-        return gradient + model.pressed(self.pressure(gap), self.punch)
+        return gradient + model.load_pressure(self.pressure(gap), self.punch)
 
     def resisting(self, attraction: Field, gap: Field) -> Field:
         """Return f' + p0 on the free points: a tension p0 balances a part of the attraction."""
-        pressed = model.pressed(self.pressure(gap), self.punch)
+        pressed = model.load_pressure(self.pressure(gap), self.punch)
         return jnp.where(gap > 0, attraction + pressed, 0)
 
     def mean_imbalance(self, imbalance: Field, attraction: Field, gap: Field) -> Scalar:
@@ -119,7 +119,7 @@ class MeanPressure(Load):
 
     quantity: ClassVar[str] = "mean pressure $p_0$"
 
-    value: Annotated[Float[Array, "..."], PRESSURE] = eqx.field(converter=prescribed)
+    value: Annotated[Float[Array, "..."], PRESSURE] = eqx.field(converter=prescribed_value)
 
     def control(self, solid: Solid, heights: Field) -> PressureControl:
         """Hold the mean pressure at the value."""

@@ -20,7 +20,7 @@ from jaxstab.core.grid import Grid, mean, mean_over, total
 from jaxstab.core.types import ArrayLike, Field, FieldMap, Flag, Mask, Scalar
 from jaxstab.core.units import LENGTH, STIFFNESS
 from jaxstab.core.warn import warn
-from jaxstab.loads.load import Load, prescribed
+from jaxstab.loads.load import Load, prescribed_value
 from jaxstab.loads.pressure import PressingControl
 from jaxstab.potentials.profile import Profile
 from jaxstab.solids.solid import Solid, apart_from_mean
@@ -75,7 +75,7 @@ class SpringControl(PressingControl):
         rounding = 4 * float(jnp.finfo(gap.dtype).eps) * self.constant * lengths
         imbalance = pressure - model.held_mean_pressure(gradient, gap, self.punch)
         open_part = jax.lax.stop_gradient(jnp.clip(imbalance, -rounding, rounding))
-        return gradient + model.pressed(pressure - open_part, self.punch)
+        return gradient + model.load_pressure(pressure - open_part, self.punch)
 
     def starting_gap(self, heights: Field) -> Field:
         """Return the start under a held mean gap for a stiff spring, else under a held pressure."""
@@ -149,7 +149,7 @@ class Spring(Load):
     stiffness: Annotated[Float[Array, "..."], STIFFNESS]
 
     def __init__(self, position: ArrayLike, stiffness: ArrayLike):
-        self.value, self.stiffness = _alike(prescribed(position), prescribed(stiffness))
+        self.value, self.stiffness = _alike(prescribed_value(position), prescribed_value(stiffness))
         require_positive("The stiffness of the spring", self.stiffness)
 
     @classmethod
@@ -208,7 +208,7 @@ class FarDisplacement(Load):
     quantity: ClassVar[str] = "displacement of the far side"
     is_position: ClassVar[bool] = True
 
-    value: Annotated[Float[Array, "..."], LENGTH] = eqx.field(converter=prescribed)
+    value: Annotated[Float[Array, "..."], LENGTH] = eqx.field(converter=prescribed_value)
 
     def far_displacement(self, mean_pressure: Array) -> Array:
         """Return the prescribed value [length]."""

@@ -17,13 +17,13 @@ from jaxstab.contact import Contact, require_contact, require_same_contact
 from jaxstab.core import display
 from jaxstab.core.checks import require_known
 from jaxstab.core.compile import own_conventions
-from jaxstab.core.stack import Stackable, nothing_like, stacked
+from jaxstab.core.stack import Stackable, nothing_like, stack_of
 from jaxstab.core.types import Field
 from jaxstab.core.units import NUMBER, axes_of, dimensions
 from jaxstab.equilibrium import Equilibrium
 from jaxstab.equilibrium.equilibrium import state_at
 from jaxstab.equilibrium.observables.observable import Observable
-from jaxstab.equilibrium.posing import as_given, posed, posed_gap
+from jaxstab.equilibrium.posing import as_given, pose, posed_gap
 from jaxstab.evolution.evolution import Evolution
 from jaxstab.loading.path import Path
 from jaxstab.loading.sweep import Sweep
@@ -130,7 +130,7 @@ def observe(
             state = _state(contact, states.load[i], gaps[i])
         for name, observable in zip(names, observables, strict=True):
             found[name].append(_row(observable, contact, state))
-    columns = {name: _filled(rows, are_found) for name, rows in found.items()}
+    columns = {name: _with_empty_rows(rows, are_found) for name, rows in found.items()}
     return Observed(states.load, equilibrium, columns)
 
 
@@ -159,7 +159,7 @@ def _gaps(contact: Contact, equilibrium: States | Equilibrium) -> np.ndarray:
 
 
 def _state(contact: Contact, load: Load, gap: np.ndarray) -> Equilibrium:
-    problem = posed(contact, load)
+    problem = pose(contact, load)
     start = posed_gap(problem.contact, problem.state, jax.device_put(gap))
     return as_given(state_at(problem.contact, problem.state, start), problem)
 
@@ -191,12 +191,12 @@ def _row(observable: Callable[..., Any], contact: Contact, state: Equilibrium) -
 
 
 @own_conventions()
-def _filled(rows: list[Observable], are_found: list[bool]) -> Observable:
+def _with_empty_rows(rows: list[Observable], are_found: list[bool]) -> Observable:
     """Return the rows of the states that were found, and of the others nothing."""
     filled = [jax.tree.map(nothing_like, rows[0])] * len(are_found)
     for place, row in zip(np.flatnonzero(are_found), rows, strict=True):
         filled[place] = row
-    return stacked(filled, rows[0])
+    return stack_of(filled, rows[0])
 
 
 def _table(observed: Observed) -> dict[str, list[str]]:

@@ -53,7 +53,7 @@ def potential(
         axes: the axes to draw on; new ones by default.
     """
     label = "energy per area f(g) [energy/area]"
-    units = Units.checked(unit, pressure_unit)
+    units = Units.of_names(unit, pressure_unit)
     return _laws(energy_density, label, laws, gaps, labels, units, axes)
 
 
@@ -67,7 +67,7 @@ def force(
     axes: Axes | None = None,
 ) -> Axes:
     """Draw the attraction f'(g) of interaction laws (Rey & Bleyer, fig. 7b), as `potential`."""
-    units = Units.checked(unit, pressure_unit)
+    units = Units.of_names(unit, pressure_unit)
     return _laws(slope, "attraction f'(g) [pressure]", laws, gaps, labels, units, axes)
 
 
@@ -166,7 +166,7 @@ def spectrum(
     # A ring on a line holds a wave and its mirror image.
     are_lines = all(np.asarray(each.num_waves).max() <= 2 for each in spectra)
     density = f"power spectral density [length^{4 - are_lines}]"
-    label_axes(axes, "wavenumber q [1/length]", density, Units.checked(unit, None))
+    label_axes(axes, "wavenumber q [1/length]", density, Units.of_names(unit, None))
     for axis in (axes.xaxis, axes.yaxis):
         plain_decades(axis)
     if labels is not None:

@@ -77,7 +77,7 @@ def save(
             f"A figure of {drawn:.0f} mm is hard to read at {printed:.0f} mm, since letters keep "
             'their size: choose `width="double"`.'
         )
-    copy = _copied(whole)
+    copy = _copy(whole)
     _resize(copy, printed * _MM)
     picture = BytesIO()
     with plt.rc_context(_AS_TEXT):
@@ -113,7 +113,7 @@ def _millimetres(width: Width | None, figure: Figure) -> float:
     return number
 
 
-def _copied(figure: Figure) -> Figure:
+def _copy(figure: Figure) -> Figure:
     canvas: Any = figure.canvas
     # A copy of a figure with a manager would open a window.
     manager = canvas.manager

@@ -56,7 +56,10 @@ def law_jump(potential: Potential, lengths: Float[Array, "..."]) -> LawJump:
     low = table[..., 1:]
     largest = jnp.maximum(jnp.abs(high), jnp.abs(low))
     sizes = jnp.maximum(scale[:, None, None], largest)
-    missed = _missed((gaps[1:], low, rates[..., 1:]), (gaps[:-1], high, rates[..., :-1])) / sizes
+    missed = (
+        _trapezoid_error((gaps[1:], low, rates[..., 1:]), (gaps[:-1], high, rates[..., :-1]))
+        / sizes
+    )
     missed = jnp.where(jnp.isfinite(missed), missed, 0)
     # A jump at a gap of the table shows on both sides of it.
     beside = jnp.pad(missed, ((0, 0), (0, 0), (2, 2)))
@@ -73,15 +76,15 @@ def law_jump(potential: Potential, lengths: Float[Array, "..."]) -> LawJump:
         quantity = jnp.where(is_value, value, slope)
         return jnp.stack([gap, quantity, jnp.where(is_value, slope, curvature)])
 
-    def halved(_: int, ends: Float[Array, "three ends two chosen"]) -> Array:
+    def halve(_: int, ends: Float[Array, "three ends two chosen"]) -> Array:
         low = ends[:, 0]
         high = ends[:, 1]
         middle = side((low[0] + high[0]) / 2)
-        is_low = _missed(low, middle) >= _missed(middle, high)
+        is_low = _trapezoid_error(low, middle) >= _trapezoid_error(middle, high)
         return jnp.where(is_low, jnp.stack([low, middle], 1), jnp.stack([middle, high], 1))
 
     ends = side(gaps[jnp.stack([interval + 1, interval])])
-    ends = jax.lax.fori_loop(0, jnp.finfo(gaps.dtype).nmant - 6, halved, ends)
+    ends = jax.lax.fori_loop(0, jnp.finfo(gaps.dtype).nmant - 6, halve, ends)
     low = ends[:, 0]
     high = ends[:, 1]
     _, largest, steepest = jnp.max(jnp.abs(ends), 1)
@@ -103,7 +106,7 @@ def _where_defined(law: Potential, gaps: Array) -> tuple[Array, ...]:
     return tuple(jnp.where(jnp.isnan(fields[0]), jnp.nan, field) for field in fields)
 
 
-def _missed(low: _Side, high: _Side) -> Array:
+def _trapezoid_error(low: _Side, high: _Side) -> Array:
     """Return the error of the trapezoidal rule between two gaps."""
     return jnp.abs(high[1] - low[1] - (low[2] + high[2]) / 2 * (high[0] - low[0]))
 

@@ -38,7 +38,7 @@ class _RangedLaw(Law):
         self.surface_energy = nonnegative_parameter(surface_energy, "The surface energy")
         self.length = positive_parameter(length, "The length of the potential")
 
-    def _reduced(self, gap: Scalar) -> Scalar:
+    def _gap_over_length(self, gap: Scalar) -> Scalar:
         # A product, since a quotient over a field takes longer than the rest of the law.
         return gap * (1 / self.length)
 
@@ -56,7 +56,7 @@ class Exponential(_RangedLaw):
 
     def __call__(self, gap: Scalar) -> Scalar:
         """Return the energy per area at a gap [length]."""
-        return -self.surface_energy * jnp.exp(-self._reduced(gap))
+        return -self.surface_energy * jnp.exp(-self._gap_over_length(gap))
 
 
 class Gaussian(_RangedLaw):
@@ -72,7 +72,7 @@ class Gaussian(_RangedLaw):
 
     def __call__(self, gap: Scalar) -> Scalar:
         """Return the energy per area at a gap [length]."""
-        return -self.surface_energy * jnp.exp(-(self._reduced(gap) ** 2) / 2)
+        return -self.surface_energy * jnp.exp(-(self._gap_over_length(gap) ** 2) / 2)
 
 
 class Rational(_RangedLaw):
@@ -88,7 +88,7 @@ class Rational(_RangedLaw):
 
     def __call__(self, gap: Scalar) -> Scalar:
         """Return the energy per area at a gap [length]."""
-        return -self.surface_energy / (1 + self._reduced(gap) ** 2)
+        return -self.surface_energy / (1 + self._gap_over_length(gap) ** 2)
 
 
 class Dugdale(_RangedLaw):
@@ -114,7 +114,7 @@ class Dugdale(_RangedLaw):
 
     def __call__(self, gap: Scalar) -> Scalar:
         """Return the energy per area at a gap [length]."""
-        return -self.surface_energy * _left(self._reduced(gap), self.smoothing)
+        return -self.surface_energy * _left(self._gap_over_length(gap), self.smoothing)
 
 
 def _left(reduced: Scalar, smoothing: Scalar) -> Scalar:
@@ -165,7 +165,7 @@ class LennardJones(_RangedLaw):
 
     def __call__(self, gap: Scalar) -> Scalar:
         """Return the energy per area at a gap [length]."""
-        attraction = 1 / self._reduced(gap) ** 3
+        attraction = 1 / self._gap_over_length(gap) ** 3
         # This form is infinite at zero gap, others are undefined.
         return self.surface_energy / 2 * attraction * (attraction**2 - 3)
 

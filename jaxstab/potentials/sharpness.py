@@ -26,7 +26,7 @@ def sharpest_curvature(potential: Potential, lengths: Float[Array, "..."]) -> Sc
     first = jax.lax.stop_gradient(gaps_of(lengths))
     shares = jnp.asarray(np.linspace(0, 1, first.size), first.dtype)
 
-    def refined(_: int, found: tuple[Array, Scalar]) -> tuple[Array, Scalar]:
+    def refine(_: int, found: tuple[Array, Scalar]) -> tuple[Array, Scalar]:
         gaps, largest = found
         slopes, curvatures = derivatives(law, gaps)[1:]
         # A law may be undefined at gaps larger than the grid, and is so inside of a core.
@@ -40,4 +40,4 @@ def sharpest_curvature(potential: Potential, lengths: Float[Array, "..."]) -> Sc
         return gaps[worst] + (gaps[worst + 1] - gaps[worst]) * shares, largest
 
     start = first, jnp.zeros((), first.dtype)
-    return jax.lax.fori_loop(0, _NUM_TABLES, refined, start)[1]
+    return jax.lax.fori_loop(0, _NUM_TABLES, refine, start)[1]

@@ -150,7 +150,7 @@ def check_derivative(
     eps = max(float(jnp.finfo(x.dtype).eps) for x in (*leaves, value))
     steps = np.geomspace(eps ** (1 / 8), eps ** (2 / 5), _NUM_STEPS)
     forward, backward = (np.array([change(sign * h) for h in steps]) for sign in (1, -1))
-    return _judged(steps, np.asarray(value), np.asarray(tangent), forward, backward, eps)
+    return _assess(steps, np.asarray(value), np.asarray(tangent), forward, backward, eps)
 
 
 def _random_direction(point: PyTree) -> PyTree:
@@ -168,7 +168,7 @@ def _random_direction(point: PyTree) -> PyTree:
     return jax.tree.unflatten(structure, moves)
 
 
-def _judged(
+def _assess(
     steps: np.ndarray,
     value: np.ndarray,
     tangent: np.ndarray,

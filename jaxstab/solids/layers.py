@@ -77,7 +77,7 @@ class Layer(SpectralSolid):
     def stiffness_at(self, wavenumbers: Waves) -> Waves:
         """Return K [pressure/length]."""
         zero = jnp.zeros_like(self.poisson_ratio)
-        return _coated(
+        return _coated_stiffness(
             wavenumbers,
             (self.youngs_modulus, self.poisson_ratio),
             self.thickness,
@@ -120,7 +120,7 @@ class CoatedHalfSpace(SpectralSolid):
 
     def stiffness_at(self, wavenumbers: Waves) -> Waves:
         """Return K [pressure/length]."""
-        return _coated(
+        return _coated_stiffness(
             wavenumbers,
             self.layer,
             self.thickness,
@@ -143,7 +143,7 @@ def _possible_thickness(thickness: Scalar) -> Scalar:
     return possible(thickness, thickness > 0)
 
 
-def _coated(
+def _coated_stiffness(
     wavenumbers: Waves,
     layer: tuple[Scalar, Scalar],
     thickness: Scalar,

@@ -120,7 +120,7 @@ class Series(NamedTuple):
     shift: TemperatureShift | None
 
 
-def checked(
+def read_data(
     kind: Kind, arguments: ArrayLike, values: tuple[ArrayLike, ...], temperatures: ArrayLike | None
 ) -> Data:
     """Return data as arrays of NumPy, averaged and without noise, which is warned of.
@@ -161,7 +161,7 @@ def checked(
         _tell_of(count, "values at the time 0 are left out: a step takes some time.")
     if not is_kept.any():
         raise ValueError("The data have no value after the time 0: give later times.")
-    table = _averaged(kind, table[:, is_kept], temperatures is not None)
+    table = _average(kind, table[:, is_kept], temperatures is not None)
     table = _above_noise(kind, table)
     rates = table[0]
     measured = table[1]
@@ -189,7 +189,7 @@ def _require_noise(kind: Kind, columns: list[np.ndarray]) -> None:
         require("The loss modulus", loss, is_possible, cure)
 
 
-def _averaged(kind: Kind, table: np.ndarray, has_temperatures: bool) -> np.ndarray:
+def _average(kind: Kind, table: np.ndarray, has_temperatures: bool) -> np.ndarray:
     """Return columns in which each argument is there once at a temperature."""
     keys = table[:1]
     if has_temperatures:
@@ -238,7 +238,7 @@ def _tell_of(count: int, sentence: str) -> None:
     warn(f"{count} {sentence}", RelaxationWarning)
 
 
-def fitted(data: Data, reference: ArrayLike | None, shift: TemperatureShift | None) -> Series:
+def fit(data: Data, reference: ArrayLike | None, shift: TemperatureShift | None) -> Series:
     """Return the series of best fit, at the reference temperature if there are temperatures.
 
     Raises:
@@ -290,7 +290,7 @@ def _candidates(rates: np.ndarray) -> np.ndarray:
     return np.geomspace(1 / fastest, 1 / slowest, number)
 
 
-def _solved(
+def _solve(
     data: Data, rates: np.ndarray, times: np.ndarray, held: tuple[np.ndarray, float] | None = None
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the constant and the terms of best fit, and the relative deviations.
@@ -320,11 +320,11 @@ def _solved(
 def _series(data: Data, rates: np.ndarray) -> Series:
     """Return the series of best fit, of a liquid with a small constant or a late time."""
     times = _candidates(rates)
-    terms, deviations = _solved(data, rates, times)
+    terms, deviations = _solve(data, rates, times)
     flows = False
     if data.kind is CREEP:
         later = np.append(times, _FLOW * times[-1])
-        steady, missed = _solved(data, rates, later)
+        steady, missed = _solve(data, rates, later)
         gain = (_squares(deviations) - _squares(missed)) / _noise(steady, missed)
         flows = steady[-1] > _PLATEAU * _FLOW * data.values.max() and gain > _SIGNIFICANT
         if flows:
@@ -332,7 +332,7 @@ def _series(data: Data, rates: np.ndarray) -> Series:
     elif terms[0] <= 1e-12 * terms.sum():
         flows = True
         constant = abs(data.values).min() / _FLOW
-        terms, deviations = _solved(data, rates, times, (np.eye(terms.size)[0] / constant, 1.0))
+        terms, deviations = _solve(data, rates, times, (np.eye(terms.size)[0] / constant, 1.0))
     # Rounding leaves traces of other terms.
     terms[terms < 1e-12 * terms.sum()] = 0
     relaxed_error = _relaxed_error(data, rates, times, terms, deviations)
@@ -377,7 +377,7 @@ def _relaxed_error(
     most = _squares(deviations) + _EQUAL * _noise(terms, deviations)
 
     def excess(ratio: float) -> float:
-        _, missed = _solved(data, rates, candidates, (weights / found, ratio))
+        _, missed = _solve(data, rates, candidates, (weights / found, ratio))
         return _squares(missed) - most
 
     def farthest(end: float) -> float:
@@ -443,22 +443,22 @@ def _shift(data: Data, temperatures: np.ndarray, sweeps: list[np.ndarray]) -> Wi
     means = np.array([above[sweep].mean() for sweep in sweeps])
     first = _first_guess(means, *overlaps)
 
-    def shifted(constants: np.ndarray) -> np.ndarray:
+    def shift(constants: np.ndarray) -> np.ndarray:
         c1, c2 = np.exp(constants)
         return data.rates * 10 ** (-c1 * above / (c2 + above))
 
-    times = _candidates(shifted(first))
+    times = _candidates(shift(first))
     if data.kind is CREEP:
         # So that a liquid, which flows, is fitted too.
         times = np.append(times, _FLOW * times[-1])
 
     def deviations(constants: np.ndarray) -> np.ndarray:
-        _, found = _solved(data, shifted(constants), times)
+        _, found = _solve(data, shift(constants), times)
         return np.concatenate([np.real(found), np.imag(found)])
 
     best = least_squares(deviations, first, diff_step=_STEP)
     c1, c2 = np.exp(best.x)
-    terms, missed = _solved(data, shifted(best.x), times)
+    terms, missed = _solve(data, shift(best.x), times)
     most = 2 * best.cost + _EQUAL_TOGETHER * _noise(terms, missed)
     covariance = np.zeros((2, 2))
     # Differences over a small step count the terms that come and go; those over an error do not.

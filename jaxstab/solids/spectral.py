@@ -54,16 +54,16 @@ class Waves(Solid):
 
     def apply(self, displacement: Field) -> Field:
         """Return K u [pressure], by one pair of Fourier transforms."""
-        return model.filtered(self.grid, self.multiplier, displacement)
+        return model.apply_multiplier(self.grid, self.multiplier, displacement)
 
     def displacement(self, pressure: Field) -> Field:
         """Return the displacement under a pressure (Rey & Bleyer, eq. 11) [length]."""
-        return model.filtered(self.grid, model.compliance(self.multiplier), pressure)
+        return model.apply_multiplier(self.grid, model.compliance(self.multiplier), pressure)
 
     def precondition(self, shift: Scalar) -> FieldMap:
         """Return the inverse of K + shift."""
         inverse = 1 / (self.multiplier + shift)
-        return lambda field: model.filtered(self.grid, inverse, field)
+        return lambda field: model.apply_multiplier(self.grid, inverse, field)
 
     def with_uniform_stiffness(self, stiffness: ArrayLike) -> "Waves":
         """Return this solid with another multiplier at q = 0."""
@@ -75,7 +75,7 @@ class Waves(Solid):
         first = (0,) * self.multiplier.ndim
         lack = jnp.maximum(level - self.multiplier, 0).at[first].set(0)
         on_point = self.grid.inverse_transform(lack).ravel()[0]
-        return lambda field: model.filtered(self.grid, lack, field), on_point
+        return lambda field: model.apply_multiplier(self.grid, lack, field), on_point
 
     def coarser(self) -> "Waves | None":
         """Return the solid with the waves of the grid of every other point, if there is one."""

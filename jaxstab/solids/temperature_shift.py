@@ -50,7 +50,7 @@ class TemperatureShift(eqx.Module):
         Raises:
             ValueError: for a temperature at which the law is not defined.
         """
-        logarithm, _ = self._known(temperature)
+        logarithm, _ = self._shift_where_defined(temperature)
         return jnp.exp(logarithm)
 
     @own_conventions()
@@ -60,10 +60,10 @@ class TemperatureShift(eqx.Module):
         Raises:
             ValueError: as `factor`.
         """
-        _, at = self._known(scalar_parameter(temperature, "The temperature"))
+        _, at = self._shift_where_defined(scalar_parameter(temperature, "The temperature"))
         return self._at_reference(at)
 
-    def _known(self, temperature: ArrayLike) -> tuple[Array, Array]:
+    def _shift_where_defined(self, temperature: ArrayLike) -> tuple[Array, Array]:
         """Return ln a_T and the temperatures, NaN under JAX where it is not defined."""
         given = jnp.asarray(numbers(temperature, "The temperature"))
         logarithm, is_possible, cure = self._logarithm(given)
@@ -209,7 +209,7 @@ class ShiftTable(TemperatureShift):
         require_finite("The shift factors", concrete(factors))
         self.logarithms = jnp.log(factors)
         self.reference_temperature = _reference(reference_temperature)
-        self._known(self.reference_temperature)
+        self._shift_where_defined(self.reference_temperature)
 
     def _logarithm(self, temperature: Array) -> tuple[Array, Bool[Array, "..."], str]:
         low, high = self.temperatures[0], self.temperatures[-1]

@@ -26,8 +26,8 @@ from jaxstab.solids.prony_fit import (
     OSCILLATION,
     RELAXATION,
     Kind,
-    checked,
-    fitted,
+    fit,
+    read_data,
     relaxation_of,
 )
 from jaxstab.solids.solid import Solid
@@ -192,7 +192,7 @@ class Viscoelastic(Solid):
                 which no storage modulus is the same, and moduli that do not fall on heating.
         """
         law = temperatures, reference_temperature, shift
-        return cls._fitted(OSCILLATION, solid, frequencies, (storage, loss), *law)
+        return cls._fit(OSCILLATION, solid, frequencies, (storage, loss), *law)
 
     @classmethod
     def from_relaxation(
@@ -222,7 +222,7 @@ class Viscoelastic(Solid):
             As `from_storage_and_loss`.
         """
         law = temperatures, reference_temperature, shift
-        return cls._fitted(RELAXATION, solid, times, (moduli,), *law)
+        return cls._fit(RELAXATION, solid, times, (moduli,), *law)
 
     @classmethod
     def from_creep(
@@ -254,10 +254,10 @@ class Viscoelastic(Solid):
             As `from_storage_and_loss`; the fit must have a compliance at once.
         """
         law = temperatures, reference_temperature, shift
-        return cls._fitted(CREEP, solid, times, (compliances,), *law)
+        return cls._fit(CREEP, solid, times, (compliances,), *law)
 
     @classmethod
-    def _fitted(
+    def _fit(
         cls,
         kind: Kind,
         solid: Solid,
@@ -276,7 +276,7 @@ class Viscoelastic(Solid):
             )
         given = arguments, values, temperatures, reference, shift
         require_known(given, "The fit of a Prony series")
-        series = fitted(checked(kind, arguments, values, temperatures), reference, shift)
+        series = fit(read_data(kind, arguments, values, temperatures), reference, shift)
         relaxed, moduli, times = relaxation_of(kind, series)
         relaxed_solid = eqx.tree_at(lambda solid: solid.youngs_modulus, solid, parameter(relaxed))
         found = cls(relaxed_solid, moduli / relaxed, times, series.shift)

@@ -58,7 +58,7 @@ def with_angular_modes(
     found = [
         _lowest_of_order(m, solid.stiffness_of_order(m), contact, gap) for m in range(1, orders + 1)
     ]
-    return _judged(stability, jax.tree.map(lambda *modes: jnp.stack(modes), *found))
+    return _assess(stability, jax.tree.map(lambda *modes: jnp.stack(modes), *found))
 
 
 @partial(program, static_argnums=0)
@@ -78,7 +78,7 @@ def _lowest_of_order(order: int, stiffness: Matrix, contact: Contact, gap: Field
 
 
 @program
-def _judged(stability: Stability, angular: AngularMode) -> Stability:
+def _assess(stability: Stability, angular: AngularMode) -> Stability:
     is_unstable = jnp.any(angular.eigenvalue < -angular.error)
     is_sure = jnp.all(angular.eigenvalue > angular.error)
     is_judged = stability.result == RESULTS.successful

@@ -20,7 +20,7 @@ from jaxstab.core.progress import advance_to, progress_bar
 from jaxstab.core.results import RESULTS
 from jaxstab.core.types import Flag, Mask
 from jaxstab.equilibrium.equilibrium import Equilibrium, State, equilibrium_of
-from jaxstab.equilibrium.posing import finished, posed_state
+from jaxstab.equilibrium.posing import finish, posed_state
 from jaxstab.stability.angular_modes import require_orders, with_angular_modes
 from jaxstab.stability.barrier import differentiable as differentiable_margins
 from jaxstab.stability.barrier import margins_of
@@ -129,17 +129,17 @@ def assess_stability(
     constants = jax.lax.stop_gradient((*inputs, solver, key, jax.device_put(verdict_only)))
     watch = progress_bar("stability", _NUM_SEARCHES, "search", shown=progress, inputs=constants)
     with own_conventions(), watch:
-        stability = _assessed(*constants)
+        stability = _assess(*constants)
         # Not all searches are needed.
         advance_to(lambda: _NUM_SEARCHES)
         stability = with_derivatives(stability, inputs)
-    stability = finished(stability, problem, describe, throw)
+    stability = finish(stability, problem, describe, throw)
     warn_of_symmetry(contact, equilibrium, stability)
     return with_angular_modes(stability, contact, equilibrium.gap, orders)
 
 
 @in_pieces
-def _assessed(
+def _assess(
     contact: Contact,
     equilibrium: Equilibrium,
     solver: ConeSolver,
@@ -150,17 +150,17 @@ def _assessed(
     spaces = Davidson(solver.tolerance_in(equilibrium.gap.dtype))
     found = smallest_eigenpairs(problems, solver, spaces, key, verdict_only)
     is_equilibrium = state.result == RESULTS.successful
-    found = cond(is_equilibrium, lambda: found, lambda: found.failed(state.result))
+    found = cond(is_equilibrium, lambda: found, lambda: found.without_numbers(state.result))
     return _stability(equilibrium, state, found)
 
 
 @program
 def _stability(equilibrium: Equilibrium, state: AssessedState, found: SmallestPairs) -> Stability:
     """Return the verdict on the eigenpairs of a search."""
-    found = found.ordered()
+    found = found.in_order()
     softest = jnp.abs(found.hull.eigenvalue)
     pairs = found.lower_bound, found.cone, found.critical, found.hull
-    lower_bound, cone, critical, hull = state.covered(pairs, softest)
+    lower_bound, cone, critical, hull = state.with_error_of_state(pairs, softest)
     # On a smaller set the smallest is not lower.
     cone = replace(cone, bound=jnp.maximum(cone.bound, lower_bound.bound))
     critical = replace(critical, bound=jnp.maximum(critical.bound, cone.bound))

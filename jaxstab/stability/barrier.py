@@ -9,7 +9,7 @@ import jax.numpy as jnp
 from jaxstab.contact.contact import Contact
 from jaxstab.core.display import Outcome, inline
 from jaxstab.core.grid import total
-from jaxstab.core.implicit import attach, finite, pushed
+from jaxstab.core.implicit import attach, finite, tangent_of
 from jaxstab.core.results import RESULTS
 from jaxstab.core.types import Field, Flag, Scalar
 from jaxstab.core.units import ENERGY, LENGTH
@@ -109,5 +109,5 @@ def _changes_of_margins(
     noise = pressure_noise(pressure + slope(contact.potential, gap), gap)
     least = jnp.min(jnp.where(touches, reaction, jnp.inf))
     is_tied = jnp.count_nonzero(touches & (reaction <= least + noise)) > 1
-    changed = pushed(partial(_formulae, is_held), inputs, changes)
+    changed = tangent_of(partial(_formulae, is_held), inputs, changes)
     return changed, (~is_found | is_tied, ~is_held)

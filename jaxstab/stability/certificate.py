@@ -18,7 +18,7 @@ from jaxstab.contact.hessian import Hessian, SymmetricOperator
 from jaxstab.core.compile import program
 from jaxstab.core.grid import total
 from jaxstab.core.types import Field, FieldMap, Mask, Scalar
-from jaxstab.stability.eigenpair import measured
+from jaxstab.stability.eigenpair import eigenpair_of
 from jaxstab.stability.lowest_pair import Lowest
 from jaxstab.stability.solvers.base import ConeProblem, SpaceSolver
 
@@ -48,7 +48,7 @@ class _Stiffened(SymmetricOperator):
 
 
 @program
-def certified(solver: SpaceSolver, problem: ConeProblem, found: Lowest, hull: Lowest) -> Lowest:
+def certify(solver: SpaceSolver, problem: ConeProblem, found: Lowest, hull: Lowest) -> Lowest:
     """Return the lowest pair found on a cone with a bound that no eigenvalue on it is below.
 
     The bound rests on the solver, which must not miss the lowest mode of a linear space; it is -inf
@@ -57,16 +57,16 @@ def certified(solver: SpaceSolver, problem: ConeProblem, found: Lowest, hull: Lo
     eigenvalue = found.pair.eigenvalue
     starts = hull.modes
     space = problem.domain.hull
-    if _stiffened(problem, eigenvalue) is None:
+    if _stiffer_hessian(problem, eigenvalue) is None:
         return found
     shares = jnp.array(_SHARES, eigenvalue.dtype)
 
     def seek(state: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
         number, best, cost = state
-        operator = _stiffened(problem, shares[number] * eigenvalue)
+        operator = _stiffer_hessian(problem, shares[number] * eigenvalue)
         assert operator is not None
         minimum = solver.solve(operator, space, starts)
-        pair = measured(operator, space, minimum, minimum.vector[0]).with_proof(True)
+        pair = eigenpair_of(operator, space, minimum, minimum.vector[0]).with_proof(True)
         more = minimum.num_applications
         more += (more + len(starts)) // 2
         return number + 1, jnp.maximum(best, pair.bound), cost + more
@@ -79,7 +79,7 @@ def certified(solver: SpaceSolver, problem: ConeProblem, found: Lowest, hull: Lo
     return replace(found, pair=found.pair.with_proof(False, bound)).costing(cost)
 
 
-def _stiffened(problem: ConeProblem, aim: Scalar) -> _Stiffened | None:
+def _stiffer_hessian(problem: ConeProblem, aim: Scalar) -> _Stiffened | None:
     """Return A - N, of which soft waves are as stiff as is aimed at; None if no N is known."""
     hessian = problem.operator
     cone = problem.domain

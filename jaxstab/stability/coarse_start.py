@@ -70,7 +70,7 @@ def starts_on_space(
 
     The last of its vectors is a random one, in which no mode is missing.
     """
-    refined = [_refined(mode, fine) for mode in modes[:-1]]
+    refined = [_refine(mode, fine) for mode in modes[:-1]]
     return jnp.stack([*refined, *noise(key, 1, fine)]), _cost_of(fine, coarse)
 
 
@@ -110,7 +110,7 @@ def start_from_coarse(
     eigenvalue, mode, _ = admissible_pair(problem.operator, problem.domain, coarse.vector)
     no = jnp.array(False)
     cost = _cost_of(fine, around, coarse)
-    return ConeStart(_refined(mode, fine), jnp.any(mode != 0), no, eigenvalue, cost)
+    return ConeStart(_refine(mode, fine), jnp.any(mode != 0), no, eigenvalue, cost)
 
 
 @program
@@ -151,7 +151,7 @@ def _mean_of_like(field: Field, cone: AdmissibleCone) -> Float[Array, " *coarse"
     return jnp.sum(jnp.where(like, _cells(field), 0), axis=0) / count
 
 
-def _refined(field: Float[Array, " *coarse"], fine: Field) -> Field:
+def _refine(field: Float[Array, " *coarse"], fine: Field) -> Field:
     """Return a mode of the coarser grid at all points, a unit vector again."""
     for axis, number in enumerate(fine.shape):
         field = jnp.repeat(field, number // field.shape[axis], axis=axis)

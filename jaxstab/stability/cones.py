@@ -75,7 +75,7 @@ class AdmissibleCone(eqx.Module):
         """The smallest linear space around the cone."""
         return Subspace(self.is_moving, self.fixes_mean)
 
-    def opened(self, is_open: Flag) -> "AdmissibleCone":
+    def hull_if(self, is_open: Flag) -> "AdmissibleCone":
         """Return the cone, or if it is open the linear space around it.
 
         Of a space with no other field than zero all projections are exactly zero.

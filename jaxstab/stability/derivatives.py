@@ -9,7 +9,7 @@ from jaxtyping import Array
 from jaxstab.contact.contact import Contact
 from jaxstab.contact.hessian import Hessian
 from jaxstab.core.grid import total
-from jaxstab.core.implicit import attach, finite, pushed
+from jaxstab.core.implicit import attach, finite, tangent_of
 from jaxstab.core.linear_system import LinearSystem
 from jaxstab.core.results import RESULTS
 from jaxstab.core.types import Field, Flag, Scalar
@@ -43,19 +43,19 @@ def _changes_of_pair(
     error, is_found, face = known
     inputs = finite(is_found, inputs)
     eigenvalue, mode = finite(is_found & jnp.isfinite(pair[0]), pair)
-    hessian = _hessian(*inputs).restricted(face.is_moving)
+    hessian = _hessian(*inputs).restriction(face.is_moving)
 
     def project(field: Field) -> Field:
         field = face.project(field)
         return field - total(field * mode) * mode
 
-    def shifted(field: Field) -> Field:
+    def shift(field: Field) -> Field:
         return hessian(field) - eigenvalue * field
 
-    system = LinearSystem(shifted, hessian.preconditioner(mode, eigenvalue), project)
+    system = LinearSystem(shift, hessian.preconditioner(mode, eigenvalue), project)
     separation = jax.lax.stop_gradient(_separation(system, mode))
     is_undefined = ~is_found | ~(separation > _ERRORS_APART * error)
-    change = pushed(lambda *inputs: _hessian(*inputs)(mode), inputs, changes)
+    change = tangent_of(lambda *inputs: _hessian(*inputs)(mode), inputs, changes)
     right_side = jnp.where(is_undefined, 0, -change)
     return (total(mode * change), system.differentiable_solution(right_side)), is_undefined
 

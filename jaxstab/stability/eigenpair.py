@@ -95,7 +95,7 @@ class Eigenpair(Outcome):
         )
 
 
-def measured(
+def eigenpair_of(
     operator: SymmetricOperator, cone: Admissible, found: Minimum, vector: Field
 ) -> Eigenpair:
     """Return the eigenpair of a vector that a solver found, brought onto the cone."""
@@ -118,7 +118,7 @@ def measured(
     )
 
 
-def lowered(pair: Eigenpair, eigenvalue: Scalar, mode: Field) -> Eigenpair:
+def lower(pair: Eigenpair, eigenvalue: Scalar, mode: Field) -> Eigenpair:
     """Return a pair that is not above an eigenvalue on a smaller cone, given that and its mode.
 
     If it is lower by more than the pair's own error, the solver missed the smallest. The pair gets
@@ -148,14 +148,12 @@ def admissible_pair(
     mode = unit_vector(cone, vector)
     product = operator(mode)
     quotient = model.rayleigh_quotient(mode, product)
-    moved = cone.project(descended(operator, mode, product, quotient))
+    moved = cone.project(descend(operator, mode, product, quotient))
     residual = projected_residual(operator, mode, moved)
     return jnp.where(jnp.any(mode != 0), quotient, jnp.inf), mode, residual
 
 
-def descended(
-    operator: SymmetricOperator, mode: Field, product: Field, eigenvalue: Scalar
-) -> Field:
+def descend(operator: SymmetricOperator, mode: Field, product: Field, eigenvalue: Scalar) -> Field:
     """Return x - (A x - lambda x) / b, from x and A x.
 
     Projected onto a cone, it has no larger Rayleigh quotient than x: with s the change,

@@ -19,10 +19,10 @@ from jaxstab.core.results import RESULTS
 from jaxstab.core.types import Field, Flag, Mask, Scalar
 from jaxstab.equilibrium.derivatives import third_derivative
 from jaxstab.equilibrium.equilibrium import Equilibrium
-from jaxstab.equilibrium.verify import recognised_by
+from jaxstab.equilibrium.verify import verify_balance
 from jaxstab.stability.barrier import pressure_scale
 from jaxstab.stability.cones import AdmissibleCone, Subspace
-from jaxstab.stability.eigenpair import Eigenpair, admissible_pair, lowered
+from jaxstab.stability.eigenpair import Eigenpair, admissible_pair, lower
 from jaxstab.stability.lowest_pair import cost_of, with_cost
 from jaxstab.stability.ritz import norms
 from jaxstab.stability.solvers.base import ConeProblem
@@ -70,7 +70,7 @@ class AssessedState(eqx.Module):
     imbalance: Scalar
     sharpness: Field
 
-    def covered(self, pairs: Sequence[Eigenpair], softest: Scalar) -> list[Eigenpair]:
+    def with_error_of_state(self, pairs: Sequence[Eigenpair], softest: Scalar) -> list[Eigenpair]:
         """Return pairs whose errors cover the error of the state, given its softest eigenvalue.
 
         The gap may be off by dg = A^-1 r, and d lambda = sum f''' x^2 dg.
@@ -105,7 +105,7 @@ class SmallestPairs(eqx.Module):
         left_out = replace(pair, eigenvalue=unknown, result=RESULTS.not_computed)
         return replace(self, **{name: left_out})
 
-    def failed(self, result: RESULTS) -> "SmallestPairs":
+    def without_numbers(self, result: RESULTS) -> "SmallestPairs":
         """Return pairs without numbers, of a state that is no equilibrium."""
         dtype = self.cone.eigenvalue.dtype
         changes = {
@@ -117,14 +117,14 @@ class SmallestPairs(eqx.Module):
         pairs = self.lower_bound, self.cone, self.critical, self.hull
         return SmallestPairs(*(replace(pair, **changes) for pair in pairs))
 
-    def ordered(self) -> "SmallestPairs":
+    def in_order(self) -> "SmallestPairs":
         """Return pairs of which none is above one on a smaller cone."""
         critical = with_cost(cost_of(self.hull), self.critical)
         on_critical = critical.eigenvalue, critical.mode
-        cone = lowered(self.cone, *on_critical)
+        cone = lower(self.cone, *on_critical)
         on_cone = cone.eigenvalue, cone.mode
         # The one on V0+ is not above the critical one, but may be unknown.
-        lower_bound = lowered(
+        lower_bound = lower(
             self.lower_bound, *choose(jnp.isnan(cone.eigenvalue), on_critical, on_cone)
         )
         return replace(self, lower_bound=lower_bound, cone=cone, critical=critical)
@@ -136,7 +136,7 @@ def problems_of(contact: Contact, equilibrium: Equilibrium) -> tuple[Eigenproble
     gap = equilibrium.gap
     control = contact.control(equilibrium.load)
     balance = contact.balance(control)(gap)
-    result = recognised_by(balance, contact, equilibrium)
+    result = verify_balance(balance, contact, equilibrium)
     is_found = result == RESULTS.successful
     is_closed = (gap == 0) & is_found
     imbalance = jnp.sqrt(total(model.imbalance(balance.net, gap) ** 2))
@@ -180,7 +180,7 @@ def covering_doubt(problems: Eigenproblems, found: SmallestPairs) -> SmallestPai
     hull = found.hull
     cone = found.cone
     held = Subspace(~(v0.one_sided | near), v0.fixes_mean)
-    above, _, _ = admissible_pair(hessian.restricted(held.is_moving), held, critical.mode)
+    above, _, _ = admissible_pair(hessian.restriction(held.is_moving), held, critical.mode)
     rise = _rise(above, critical.eigenvalue)
     fall = _rise(critical.eigenvalue, hull.eigenvalue - hull.error)
 

@@ -18,10 +18,10 @@ from jaxstab.core.implicit import refuse_derivatives
 from jaxstab.core.loop import solver_or_default
 from jaxstab.core.results import RESULTS
 from jaxstab.equilibrium.equilibrium import Equilibrium, State, equilibrium_of
-from jaxstab.equilibrium.posing import finished, posed_state
-from jaxstab.equilibrium.verify import recognised_by
+from jaxstab.equilibrium.posing import finish, posed_state
+from jaxstab.equilibrium.verify import verify_balance
 from jaxstab.stability.cones import Subspace
-from jaxstab.stability.eigenpair import Eigenpair, measured
+from jaxstab.stability.eigenpair import Eigenpair, eigenpair_of
 from jaxstab.stability.solvers.base import BLOCK_SIZE, SpaceSolver, noise
 from jaxstab.stability.solvers.davidson import Davidson
 
@@ -76,7 +76,7 @@ def lowest_modes(
     require("count", count, count <= most, f"{most} directions are admissible: ask for fewer.")
     problem = refuse_derivatives(problem)
     pairs = _search(count, space == "critical", problem.contact, problem.state, solver, key)
-    return finished(pairs, problem, _describe, throw)
+    return finish(pairs, problem, _describe, throw)
 
 
 @partial(program, static_argnums=(0, 1))
@@ -89,12 +89,12 @@ def _search(
     key: PRNGKeyArray,
 ) -> Eigenpair:
     control = contact.control(equilibrium.load)
-    state = recognised_by(contact.balance(control)(equilibrium.gap), contact, equilibrium)
+    state = verify_balance(contact.balance(control)(equilibrium.gap), contact, equilibrium)
     is_equilibrium = state == RESULTS.successful
     # Where there is nothing to assess, nothing moves.
     is_moving = is_equilibrium & ~((equilibrium.gap == 0) & stays_in_contact)
     space = Subspace(is_moving, control.fixes_mean)
-    hessian = contact.hessian(equilibrium.gap, control).restricted(space.is_moving)
+    hessian = contact.hessian(equilibrium.gap, control).restriction(space.is_moving)
     starts = noise(key, max(count + _GUARD, BLOCK_SIZE), equilibrium.gap)
     found = solver.solve(hessian, space, starts, count)
     found = replace(found, num_applications=found.num_applications + count - 1)
@@ -104,7 +104,7 @@ def _search(
         result = RESULTS.where(place < dimension, found.result, RESULTS.too_many_modes)
         result = RESULTS.where(is_equilibrium, result, state)
         minimum = replace(found, result=result)
-        return measured(hessian, space, minimum, found.vector[place]).with_proof(True)
+        return eigenpair_of(hessian, space, minimum, found.vector[place]).with_proof(True)
 
     return jax.vmap(pair_at)(jnp.arange(count))
 

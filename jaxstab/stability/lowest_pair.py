@@ -16,7 +16,7 @@ from jaxstab.core.compile import program
 from jaxstab.core.results import RESULTS
 from jaxstab.core.types import Field, Flag
 from jaxstab.stability.cones import AdmissibleCone, Subspace
-from jaxstab.stability.eigenpair import Eigenpair, Minimum, measured
+from jaxstab.stability.eigenpair import Eigenpair, Minimum, eigenpair_of
 from jaxstab.stability.ritz import norms
 from jaxstab.stability.solvers.base import (
     BLOCK_SIZE,
@@ -75,9 +75,9 @@ def with_cost(before: Cost, pair: Eigenpair) -> Eigenpair:
 
 def on_space(solver: SpaceSolver, hessian: Hessian, space: Subspace, starts: Block) -> Lowest:
     """Return the lowest pair on a linear space."""
-    restricted = hessian.restricted(space.is_moving)
+    restricted = hessian.restriction(space.is_moving)
     found = solver.solve(restricted, space, starts)
-    pair = measured(restricted, space, found, found.vector[0]).with_proof(True)
+    pair = eigenpair_of(restricted, space, found, found.vector[0]).with_proof(True)
     return Lowest(pair, pair.sign, found.vector)
 
 
@@ -153,7 +153,7 @@ def _pair_of(
 ) -> tuple[Eigenpair, Int[Array, ""]]:
     """Return the eigenpair of a vector on a cone, or on the space around it, and its sign."""
     cone = problem.domain
-    pair = measured(problem.operator, cone.opened(is_space), found, found.vector)
+    pair = eigenpair_of(problem.operator, cone.hull_if(is_space), found, found.vector)
     # In any other case a lower minimum may have been missed.
     pair = pair.with_proof(is_answer | cone.is_trivial)
     pair = with_cost(before, pair)

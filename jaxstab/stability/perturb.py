@@ -12,7 +12,7 @@ from jaxstab.core.results import RESULTS, throw_failure
 from jaxstab.core.types import ArrayLike, Field, Scalar
 from jaxstab.equilibrium import Equilibrium, EquilibriumSolver, equilibrate
 from jaxstab.equilibrium.equilibrium import State, found_equilibrium
-from jaxstab.equilibrium.verify import recognised
+from jaxstab.equilibrium.verify import verify
 
 
 def release(
@@ -64,7 +64,7 @@ def release(
         t = scalar_parameter(amplitude, "The amplitude")
     require("The amplitude", t, jnp.isfinite(t), "it must be finite.")
     start = jnp.maximum(equilibrium.gap + t * x, 0)
-    state = recognised(contact, equilibrium)
+    state = verify(contact, equilibrium)
     start = throw_failure(state, start, lambda: "There is nothing to release", throw)
     released = equilibrate(contact, equilibrium.load, solver, initial=start, throw=throw)
     result = RESULTS.where(state == RESULTS.successful, released.result, state)

@@ -11,7 +11,7 @@ from jaxstab.core.checks import concrete
 from jaxstab.core.control_flow import cond
 from jaxstab.core.progress import advance_if_known
 from jaxstab.core.types import ArrayLike, Flag
-from jaxstab.stability.certificate import certified
+from jaxstab.stability.certificate import certify
 from jaxstab.stability.coarse_start import (
     coarser,
     has_coarser,
@@ -82,7 +82,7 @@ def smallest_eigenpairs(
     lacks_proof = (concrete(lowest.sign) > 0) & (concrete(around.sign) <= 0)
     lacks_proof &= ~concrete(lowest.pair.proved) & ~is_doubtful
     is_needed = is_open & lacks_proof
-    proved = cond(is_needed, lambda: certified(spaces, problem, lowest, around), lambda: lowest)
+    proved = cond(is_needed, lambda: certify(spaces, problem, lowest, around), lambda: lowest)
     advance_if_known(proved)
 
     found = SmallestPairs(around.pair, proved.pair, critical.pair, hull.pair)

@@ -32,7 +32,7 @@ def warn_of_symmetry(contact: Contact, equilibrium: Equilibrium, stability: Stab
     if not is_readable((fields, stability.verdict)) or stability.verdict != VERDICTS.unstable:
         return
     heights, gap, mode = (np.asarray(concrete(field), float) for field in fields)
-    broken = list(_broken(heights, gap, mode, contact.solid.is_window))
+    broken = list(_broken_symmetries(heights, gap, mode, contact.solid.is_window))
     if broken:
         warn(
             f"the state is unstable, and its mode breaks a symmetry of surface and gap: "
@@ -43,7 +43,7 @@ def warn_of_symmetry(contact: Contact, equilibrium: Equilibrium, stability: Stab
         )
 
 
-def _broken(
+def _broken_symmetries(
     heights: np.ndarray, gap: np.ndarray, mode: np.ndarray, is_window: bool
 ) -> Iterator[str]:
     """Yield the symmetries along each side that heights and gap have, and the mode breaks."""

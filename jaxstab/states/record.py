@@ -18,7 +18,7 @@ import numpy as np
 from jaxstab.core.checks import concrete
 from jaxstab.core.control_flow import choose
 from jaxstab.core.interrupts import interrupts_after
-from jaxstab.core.stack import stacked
+from jaxstab.core.stack import stack_of
 from jaxstab.core.table import Table
 from jaxstab.core.types import Flag
 
@@ -77,7 +77,7 @@ class Recording(Generic[Search, State, Event]):
         is_state = bool(record.is_state)
         is_event = bool(record.is_event)
         # Fields of all states have their place in the memory of the host, unless they are sharded.
-        kept = jax.tree.map(self._kept, record.state)
+        kept = jax.tree.map(self._compact, record.state)
         with interrupts_after():
             if is_state:
                 self.states.append(kept)
@@ -89,9 +89,9 @@ class Recording(Generic[Search, State, Event]):
 
     def rows(self, like: Event) -> tuple[State, Event]:
         """Return the states and the events along a leading axis; `like` gives an event's shapes."""
-        return stacked(self.states, self.states[0]), stacked(self.events, like)
+        return stack_of(self.states, self.states[0]), stack_of(self.events, like)
 
-    def _kept(self, leaf: Any) -> Any:
+    def _compact(self, leaf: Any) -> Any:
         if leaf.ndim == 0:
             return leaf
         if not self.fields:

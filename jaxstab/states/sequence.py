@@ -126,7 +126,9 @@ class StateSequence(Dimensioned):
         events = getattr(self, self._of_events)
         parts = {name: (getattr(self, name), self.load) for name in self._of_states}
         parts[self._of_events] = events, events.load
-        return replace(self, **{name: _filled(part, load) for name, (part, load) in parts.items()})
+        return replace(
+            self, **{name: _first_entries(part, load) for name, (part, load) in parts.items()}
+        )
 
     def __iter__(self) -> Iterator[PathState | Self]:
         return (self[i] for i in range(len(self)))
@@ -140,6 +142,6 @@ class StateSequence(Dimensioned):
         return f"{type(self.load).__name__} {first} to {last} in {several(loads.size, 'state')}"
 
 
-def _filled(part: Part, load: Load) -> Part:
+def _first_entries(part: Part, load: Load) -> Part:
     """Return the first entries of a part of a path, as many as there are loads."""
     return first_entries(part, int(np.isfinite(load.value).sum()))

@@ -122,7 +122,7 @@ def study(
                     if warning and not warned:
                         warn(warned := warning)
             found = before | _read([x for x in files if x not in before], files)
-            blank = _agreed(cases, files, found, before)
+            blank = _agree(cases, files, found, before)
             _remove_marks(cases.path)
     except (OSError, RuntimeError) as error:
         done = f"{sum(file.exists() for file in files)} of {len(files)} cases are in {cases.path}"
@@ -231,7 +231,7 @@ def _read(paths: Iterable[Path], files: Mapping[Path, Case]) -> dict[Path, Varia
     return {path: found[path] for path in files if path in found}
 
 
-def _agreed(
+def _agree(
     cases: Cases, files: Mapping[Path, Case], found: dict[Path, Variables], before: Iterable[Path]
 ) -> Variables:
     """Set cases with unusual outputs aside as failed; give failed ones the usual outputs, empty.

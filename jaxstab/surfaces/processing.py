@@ -31,7 +31,7 @@ def trend(heights: Heights, order: int) -> Heights:
     return values.reshape(heights.shape)
 
 
-def filled(heights: Heights, spacing: Sequence[float], order: int) -> Heights:
+def fill(heights: Heights, spacing: Sequence[float], order: int) -> Heights:
     """Fill missing points by minimizing the sum of squared derivatives of an order.
 
     The first order gives the discrete Laplace equation (harmonic); the second, with hxx, hxy and
@@ -119,7 +119,7 @@ def _overlap(n: int, other: int) -> np.ndarray:
     return np.maximum(high - low, 0) / n
 
 
-def band_passed(heights: Heights, waves: np.ndarray, low: float, high: float) -> Heights:
+def pass_band(heights: Heights, waves: np.ndarray, low: float, high: float) -> Heights:
     """Return the mean of heights and their waves between two wavenumbers."""
     modes = np.fft.rfftn(heights)
     passes = (waves >= low) & (waves <= high) | (waves == 0)

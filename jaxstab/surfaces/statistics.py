@@ -162,11 +162,11 @@ def autocorrelation(grid: Grid, heights: Field | Topography) -> Autocorrelation:
     power = jnp.abs(grid.transform(heights - jnp.mean(heights))) ** 2
     value = grid.inverse_transform(power) / grid.size
 
-    def averaged(field: Field) -> Float[Array, " rings"]:
+    def average(field: Field) -> Float[Array, " rings"]:
         return jnp.zeros(num_rings, field.dtype).at[ring].add(field, mode="drop")
 
-    num_points = averaged(jnp.ones_like(distance))
-    return Autocorrelation(averaged(distance) / num_points, averaged(value) / num_points)
+    num_points = average(jnp.ones_like(distance))
+    return Autocorrelation(average(distance) / num_points, average(value) / num_points)
 
 
 @own_conventions()

@@ -11,7 +11,7 @@ from jaxtyping import Array
 from jaxstab.core.checks import concrete, is_readable, require_one_of, where_known
 from jaxstab.core.display import times
 from jaxstab.core.grid import Grid, require_grid, resample
-from jaxstab.core.units import converted, unit_of
+from jaxstab.core.units import convert_lengths, unit_of
 from jaxstab.core.warn import warn
 from jaxstab.surfaces import faults, processing
 from jaxstab.surfaces.arguments import (
@@ -139,7 +139,7 @@ class Topography:
 
     def __neg__(self) -> "Topography":
         """Reverse the heights, so that their summits point the other way."""
-        return self._changed("heights reversed", heights=-self.heights)
+        return self._with_heights("heights reversed", heights=-self.heights)
 
     def filled(self, method: Literal["harmonic", "biharmonic"] = "harmonic") -> "Topography":
         """Fill missing points from the others.
@@ -158,9 +158,9 @@ class Topography:
         order = _FILLINGS[method]
         if not (missing := self.num_missing):
             return self
-        heights = processing.filled(self.heights, list(self.lengths / self.grid.shape), order)
+        heights = processing.fill(self.heights, list(self.lengths / self.grid.shape), order)
         share = f"{100 * missing / self.grid.size:.3g} % of the points filled, {method}"
-        return self._changed(share, heights=heights)
+        return self._with_heights(share, heights=heights)
 
     def detrended(self, order: int = 1) -> "Topography":
         """Subtract the polynomial that fits the points that are not missing best.
@@ -174,7 +174,7 @@ class Topography:
         require_one_of("order", order, (0, 1, 2))
         heights = self.heights - processing.trend(self.heights, order)
         is_periodic = self.is_periodic and order == 0
-        return self._changed(
+        return self._with_heights(
             f"{_TRENDS[order]} subtracted", heights=heights, is_periodic=is_periodic
         )
 
@@ -206,7 +206,7 @@ class Topography:
         """A tilted periodic surface without its tilt, any other surface as it is."""
         if self.edges_meet:
             return self
-        joined = self._changed(
+        joined = self._with_heights(
             "plane subtracted without which opposite edges meet",
             heights=self.heights - faults.joining_plane(self.heights),
         )
@@ -224,7 +224,9 @@ class Topography:
                 "`js.surfaces.read` or `Topography(grid, heights, unit)`."
             )
         unit = unit_of(unit)
-        lengths, heights = (converted(x, self.unit, unit) for x in (self.lengths, self.heights))
+        lengths, heights = (
+            convert_lengths(x, self.unit, unit) for x in (self.lengths, self.heights)
+        )
         return replace(self, grid=Grid(self.grid.shape, lengths), heights=heights, unit=unit)
 
     def cropped(self, x: tuple[float, float], y: tuple[float, float] | None = None) -> "Topography":
@@ -252,7 +254,7 @@ class Topography:
         grid = Grid(heights.shape, spacing * heights.shape)
         is_periodic = self.is_periodic and heights.shape == self.grid.shape
         remark = f"cropped from {times(self.grid.shape)} points"
-        return self._changed(remark, grid=grid, heights=heights, is_periodic=is_periodic)
+        return self._with_heights(remark, grid=grid, heights=heights, is_periodic=is_periodic)
 
     def resampled(
         self, shape: int | Sequence[int], method: Literal["spectral", "area"] = "spectral"
@@ -287,7 +289,7 @@ class Topography:
             with jax.enable_x64(True):
                 heights = np.asarray(resample(jax.device_put(self.heights), grid.shape))
         remark = f"resampled from {times(self.grid.shape)} points ({method})"
-        return self._changed(remark, grid=grid, heights=heights, edge_faults=edge_faults)
+        return self._with_heights(remark, grid=grid, heights=heights, edge_faults=edge_faults)
 
     def filtered(self, k_low: float | None = None, k_high: float | None = None) -> "Topography":
         """Keep the waves from k_low to k_high, sharply cut, and the mean.
@@ -304,10 +306,10 @@ class Topography:
         sides = zip(self.grid.waves, self.lengths.max() / self.lengths, strict=True)
         waves = np.sqrt(sum((k * ratio) ** 2 for k, ratio in sides))
         margin = 1 + ROUNDING
-        heights = processing.band_passed(self.heights, waves, low / margin, high * margin)
+        heights = processing.pass_band(self.heights, waves, low / margin, high * margin)
         remark = f"waves from {low:g} to {high:g} per longest side"
         edge_faults = self._edge_faults_before("filtered")
-        return self._changed(remark, heights=heights, edge_faults=edge_faults)
+        return self._with_heights(remark, heights=heights, edge_faults=edge_faults)
 
     def periodic(self, how: Literal["window", "mirror", "as_is"]) -> "Topography":
         """Make opposite edges meet.
@@ -324,7 +326,7 @@ class Topography:
         """
         require_one_of("how", how, ("window", "mirror", "as_is"))
         if how == "as_is":
-            return self._changed("taken as periodic", is_periodic=True)
+            return self._with_heights("taken as periodic", is_periodic=True)
         grid = self.grid
         heights = self.heights
         if how == "window":
@@ -337,13 +339,13 @@ class Topography:
                 heights = np.concatenate([heights, np.flip(heights, axis)], axis)
             grid = Grid(heights.shape, 2 * self.lengths)
             remark = "mirrored, twice as long along each side"
-        return self._changed(remark, grid=grid, heights=heights, is_periodic=True)
+        return self._with_heights(remark, grid=grid, heights=heights, is_periodic=True)
 
     def _edge_faults_before(self, change: str) -> tuple[str, ...]:
         new = (f"before it was {change}, {sentence}" for sentence in self._wrong_edges)
         return (*self.edge_faults, *new)
 
-    def _changed(self, remark: str, **fields: Any) -> "Topography":
+    def _with_heights(self, remark: str, **fields: Any) -> "Topography":
         return replace(self, remarks=(*self.remarks, remark), **fields)
 
 

@@ -31,7 +31,7 @@ from jaxstab.core.checks import array
 from jaxstab.core.compile import program
 from jaxstab.core.progress import advance_if_known
 from jaxstab.core.results import RESULTS
-from jaxstab.core.stack import stacked
+from jaxstab.core.stack import stack_of
 from jaxstab.core.types import Field, Flag, Scalar
 from jaxstab.equilibrium import Equilibrium, PreconditionedConjugateGradient
 from jaxstab.equilibrium.equilibrate import find
@@ -133,7 +133,7 @@ def _separation(contact: Contact, load: Load, gap: Field) -> tuple[Saddle, Equil
     if not saddle.is_found:
         saddle = apart
     sides = [near, detached_where(array(True), near)]
-    return saddle, stacked(sides, near)
+    return saddle, stack_of(sides, near)
 
 
 @program

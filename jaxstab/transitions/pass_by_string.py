@@ -52,7 +52,7 @@ def pass_by_string(
 
     _, summit, _ = jax.lax.while_loop(
         goes_on,
-        partial(_zoomed, landscape, load, (start, end)),
+        partial(_zoom, landscape, load, (start, end)),
         (string, no_saddle(string.summit), jnp.array(0)),
     )
     close = NEGLIGIBLE[start.gap.dtype.name]
@@ -78,7 +78,7 @@ def pass_by_string(
     )
 
 
-def _zoomed(
+def _zoom(
     landscape: Landscape, load: Load, ends: tuple[Equilibrium, Equilibrium], state: _Zooming
 ) -> _Zooming:
     """Return the string drawn anew around its summit, unless a saddle is found near to that."""

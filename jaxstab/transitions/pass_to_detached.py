@@ -16,12 +16,12 @@ from jaxstab.core.checks import concrete, require_known, where_known
 from jaxstab.core.compile import own_conventions, program
 from jaxstab.core.progress import progress_bar
 from jaxstab.core.results import RESULTS
-from jaxstab.core.stack import stacked
+from jaxstab.core.stack import stack_of
 from jaxstab.core.types import ArrayLike, Field
 from jaxstab.equilibrium import Equilibrium, PreconditionedConjugateGradient
 from jaxstab.equilibrium.equilibrate import find
 from jaxstab.equilibrium.equilibrium import State, detached_where, state_at
-from jaxstab.equilibrium.posing import finished, posed
+from jaxstab.equilibrium.posing import finish, pose
 from jaxstab.equilibrium.start import start_of
 from jaxstab.loads import Load, MeanPressure
 from jaxstab.transitions.branch_pass import MAX_STEPS, Climb, Image, climbs_on_branch
@@ -44,11 +44,11 @@ def largest_climb(
     Raises:
         SolverError: if no pass is found.
     """
-    problem = posed(contact, load)
+    problem = pose(contact, load)
     inputs = problem.contact, problem.state
     first = start_of(*inputs, start)
     found, is_direct = pass_to_detached(IMAGES, _largest, *inputs, first)
-    return finished(found, problem, lambda _: NOT_DETACHED.format(load), True), is_direct
+    return finish(found, problem, lambda _: NOT_DETACHED.format(load), True), is_direct
 
 
 def _largest(climbs: list[Climb]) -> Climb:
@@ -90,7 +90,7 @@ def pass_to_detached(
         minimum, (saddle, minima, images), _ = chosen(climbs)
         places = np.linspace(0, len(images) - 1, min(number, len(images)))
         shown = [images[i] for i in places.round().astype(int)]
-        shown = stacked(shown, shown[0])
+        shown = stack_of(shown, shown[0])
         found = _over(*constants[:2], minimum, saddle, minima, shown, result)
         return with_derivatives(found, (contact, load), ("there",)), len(climbs) == 1
 

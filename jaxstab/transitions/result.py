@@ -10,7 +10,7 @@ from jaxtyping import Array, Float
 from jaxstab.contact import Contact
 from jaxstab.core.checks import parameter, require_positive
 from jaxstab.core.display import Outcome
-from jaxstab.core.implicit import attach, finite, pushed, undefined, where_traced
+from jaxstab.core.implicit import attach, finite, no_derivatives, tangent_of, where_traced
 from jaxstab.core.results import RESULTS
 from jaxstab.core.types import ArrayLike, Field, Flag, Scalar
 from jaxstab.core.units import ENERGY, LENGTH, NUMBER
@@ -104,8 +104,8 @@ def _changes_of_barriers(
     gaps, is_found = known
     gaps, inputs = finite(is_found, (gaps, inputs))
     # In second derivatives they count.
-    gaps = attach(undefined, gaps, None, inputs)
-    return pushed(partial(heights_above, gaps), inputs, changes), ~is_found
+    gaps = attach(no_derivatives, gaps, None, inputs)
+    return tangent_of(partial(heights_above, gaps), inputs, changes), ~is_found
 
 
 def heights_above(gaps: Gaps, contact: Contact, load: Load) -> Heights:

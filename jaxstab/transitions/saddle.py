@@ -57,7 +57,7 @@ def saddle_near(contact: Contact, load: Load, summit: Field, lowest: Scalar) -> 
 
     Its energy is above the lowest that it may have, and not far above the summit's.
     """
-    gap, energy, is_close = _climbed(contact, load, summit, lowest)
+    gap, energy, is_close = _climb(contact, load, summit, lowest)
     index, modes = cond(
         is_close,
         lambda: index_of(contact, load, gap, no_modes(gap), precise=True),
@@ -67,7 +67,7 @@ def saddle_near(contact: Contact, load: Load, summit: Field, lowest: Scalar) -> 
 
 
 @program
-def _climbed(
+def _climb(
     contact: Contact, load: Load, summit: Field, lowest: Scalar
 ) -> tuple[Field, Scalar, Flag]:
     """Return the gap found by Newton's method, its energy, and whether it is near the summit's."""

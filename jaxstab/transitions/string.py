@@ -99,7 +99,7 @@ class StringMethod(IterativeSolver):
 
     def step(self, problem: Landscape, state: String) -> String:
         """Return the string after all images between its ends have gone down a step."""
-        inner = jax.vmap(partial(_descended, problem))(state.images[1:-1])
+        inner = jax.vmap(partial(_descend, problem))(state.images[1:-1])
         images = _evenly(state.images.at[1:-1].set(inner))
         length = jnp.sqrt(total((state.images[-1] - state.images[0]) ** 2))
         moved = jnp.sqrt(jnp.max(jax.vmap(lambda x: total(x**2))(images - state.images)))
@@ -110,7 +110,7 @@ class StringMethod(IterativeSolver):
         return {"residual": jnp.where(jnp.isfinite(state.energies).all(), state.moved, jnp.nan)}
 
 
-def _descended(problem: Landscape, gap: Field) -> Field:
+def _descend(problem: Landscape, gap: Field) -> Field:
     """Return a gap after a step of steepest descent, preconditioned, of the best length."""
     contact = problem.contact
     control = problem.control

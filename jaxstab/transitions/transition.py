@@ -10,7 +10,7 @@ from jaxstab.core.checks import integer, require
 from jaxstab.core.compile import own_conventions
 from jaxstab.core.types import ArrayLike
 from jaxstab.equilibrium.equilibrium import State
-from jaxstab.equilibrium.posing import finished, posed
+from jaxstab.equilibrium.posing import finish, pose
 from jaxstab.equilibrium.start import start_of
 from jaxstab.loads import Load, require_loads
 from jaxstab.transitions.pass_by_string import pass_by_string
@@ -75,7 +75,7 @@ def transition(
     require("num_images", number, number >= 3, "a string has a state between its ends.")
     load.warn_if_soft(contact.solid)
     warn_if_coarse(contact, FOR_JUMPS)
-    problem = posed(contact, load)
+    problem = pose(contact, load)
     inputs = problem.contact, problem.state
     first = start_of(*inputs, start)
     if end is None:
@@ -88,4 +88,4 @@ def transition(
             found = pass_by_string(StringMethod(num_images=number), *constants)
             found = with_derivatives(found, inputs, ("there", "back"))
         message = f"No pass was found between the two states at {load!r}"
-    return finished(found, problem, lambda _: message, throw)
+    return finish(found, problem, lambda _: message, throw)

@@ -7,10 +7,10 @@ import pytest
 
 import jaxstab as js
 from jaxstab.branches.branch_steps import pressure_of
-from jaxstab.branches.corrector import CorrectorProblem, Undirected, correct, directed, on_plane
+from jaxstab.branches.corrector import CorrectorProblem, Undirected, correct, on_plane, place_of
 from jaxstab.branches.curve import BorderedVector, Curve
 from jaxstab.core.accuracy import EXACT
-from jaxstab.equilibrium.posing import posed
+from jaxstab.equilibrium.posing import pose
 
 HEIGHTS = np.array([0.0265, 0.0055, -0.0643, 0.0301, 0.0105, -0.0316, 0.0162, 0.007])
 
@@ -20,7 +20,7 @@ def test_it_meets_a_tension_that_there_is_and_soon_gives_up_one_that_there_is_no
     grid = js.Grid((8,), (1.0,))
     contact = js.Contact(js.HalfSpace(grid, 1.0), HEIGHTS, js.potentials.Exponential(0.466, 0.2))
     state = js.equilibrate(contact, js.MeanGap(0.4))
-    problem = posed(contact, js.MeanPressure(state.mean_pressure))
+    problem = pose(contact, js.MeanPressure(state.mean_pressure))
     at = BorderedVector(state.gap, pressure_of(problem.contact, problem.state, state.gap))
     curve = Curve.of(problem.contact, problem.state)
     row = curve.load_gradient
@@ -32,7 +32,7 @@ def test_it_meets_a_tension_that_there_is_and_soon_gives_up_one_that_there_is_no
 
     nothing = jax.tree.map(jnp.zeros_like, at)
     here = on_plane(row, row.times(at), unit)
-    tangent = directed(curve, Undirected(at, at.gap > 0, here, row), nothing).tangent
+    tangent = place_of(curve, Undirected(at, at.gap > 0, here, row), nothing).tangent
     nearer = found_at(1.05 * row.times(at))
     assert nearer.is_found and 0 < nearer.num_steps <= 8
     net = curve.forces(nearer.place.at, at.gap > 0).net

@@ -5,7 +5,7 @@ import pytest
 from problems import rough_contact
 
 import jaxstab as js
-from jaxstab.equilibrium.posing import posed
+from jaxstab.equilibrium.posing import pose
 
 POTENTIALS = [js.potentials.Gaussian(0.3, 0.2), js.potentials.NoAdhesion()]
 
@@ -63,7 +63,7 @@ def test_numbers_of_either_byte_order_are_taken():
 def test_a_contact_knows_in_any_unit_whether_its_law_has_a_core(law, has_core):
     contact = js.Contact(js.HalfSpace(js.Grid(8), 1.0), jnp.zeros((8, 8)), law)
     assert contact.known_core is has_core
-    assert posed(contact, js.MeanGap(0.1)).contact.known_core is has_core
+    assert pose(contact, js.MeanGap(0.1)).contact.known_core is has_core
 
 
 def test_the_force_on_a_window_is_the_sum_over_it():

@@ -13,7 +13,7 @@ from jaxtyping import Array, Bool, Float, Int
 import jaxstab as js
 from jaxstab.core.stack import Stackable
 from jaxstab.core.types import Mask, Scalar
-from jaxstab.core.units import LENGTH, PRESSURE, Dimensioned, declared, dimensions
+from jaxstab.core.units import LENGTH, PRESSURE, Dimensioned, declared_dimensions, dimensions
 
 
 class Result(Dimensioned):
@@ -38,7 +38,9 @@ def needs_none(kind):
     apart = Dimensioned | Stackable | NoneType | js.Contact
     is_apart = isinstance(kind, type) and issubclass(kind, apart)
     # So has what is neither converted nor cropped, as the memory of an evolution.
-    is_declared = is_dataclass(kind) and set(declared(kind)) == {x.name for x in fields(kind)}
+    is_declared = is_dataclass(kind) and set(declared_dimensions(kind)) == {
+        x.name for x in fields(kind)
+    }
     return is_apart or is_declared or getattr(kind, "dtype", None) in (Int, Bool)
 
 

@@ -5,14 +5,14 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxstab.core.implicit import attach, pushed
+from jaxstab.core.implicit import attach, tangent_of
 
 X = jnp.array([1.0, 2.0])
 
 
 def rule(values, is_undefined, inputs, changes):
     # Like those of solvers, which do not compute with numbers that they have not found.
-    moved = pushed(jnp.sin, inputs, changes)
+    moved = tangent_of(jnp.sin, inputs, changes)
     return jnp.where(is_undefined, 0, moved), is_undefined
 
 
@@ -95,7 +95,7 @@ def test_nan_stays_nan_in_a_chain(transform):
 @pytest.mark.parametrize("transform", [jax.jacrev, jax.jacfwd])
 def test_a_rule_that_gives_nan_gives_nan(transform):
     def unsolved(values, is_undefined, inputs, changes):
-        return pushed(lambda x: x * jnp.nan, inputs, changes), is_undefined
+        return tangent_of(lambda x: x * jnp.nan, inputs, changes), is_undefined
 
     rates = transform(lambda x: attach(unsolved, jnp.zeros(2), jnp.array(False), (x,)))(X)
     assert jnp.isnan(jnp.diag(rates)).all()

@@ -14,7 +14,7 @@ from jaxstab.core.units import (
     LENGTHS,
     PRESSURES,
     Units,
-    converted,
+    convert_lengths,
     readable_unit,
     unit_of,
     unit_symbol,
@@ -72,9 +72,9 @@ def test_resampling(field, shape):
 
 @given(st.floats(-1e6, 1e6), st.sampled_from([*LENGTHS]), st.sampled_from([*LENGTHS]))
 def test_a_length_in_another_unit_and_back(value, unit, other):
-    there = converted(np.float64(value), unit, other)
+    there = convert_lengths(np.float64(value), unit, other)
     assert there == pytest.approx(value * 10.0 ** (LENGTHS[unit] - LENGTHS[other]), rel=1e-15)
-    assert converted(there, other, unit) == pytest.approx(value, rel=1e-15)
+    assert convert_lengths(there, other, unit) == pytest.approx(value, rel=1e-15)
     assert unit_of(unit) == unit
 
 
@@ -96,7 +96,7 @@ def test_units_of_energies_and_forces_follow_from_length_and_pressure(
     length, pressure, dimension, largest
 ):
     name, power = dimension
-    units = Units.checked(length, pressure)
+    units = Units.of_names(length, pressure)
     expected = 10.0 ** (PRESSURES[pressure] + power * LENGTHS[length])
     assert _in_si(unit_symbol(units, name)) == pytest.approx(expected)
     divisor, unit = readable_unit(units, name, largest)

@@ -55,7 +55,7 @@ def test_an_interrupt_after_the_last_time_loses_nothing(monkeypatch):
         signal.raise_signal(signal.SIGINT)
         return stacked(*inputs)
 
-    monkeypatch.setattr(module, "stacked", interrupted)
+    monkeypatch.setattr(module, "stack_of", interrupted)
     with pytest.warns(js.exceptions.PathInterrupted, match="after its last time; it is complete"):
         found = js.evolve(contact, js.MeanDisplacement(values), times, rtol=ANY)
     np.testing.assert_array_equal(found.work, whole.work)

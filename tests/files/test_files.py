@@ -15,7 +15,7 @@ from problems import state_of
 from saved import BUMPY, LENGTHS, SHAPE, assert_same_bits, contact_of, rewrite
 
 import jaxstab as js
-from jaxstab.files.records import Recorder, restored
+from jaxstab.files.records import Recorder, restore
 
 
 def swept(potential, dtype=jnp.float64):
@@ -327,4 +327,4 @@ def test_fields_whose_joined_names_agree_are_kept_apart():
     given = Stiffnesses(jnp.array(1.0), (jnp.array(2.0), jnp.array(3.0)))
     structure = recorder.structure(given, ("load",))
     arrays = {name: record.values for name, record in recorder.records.items()}
-    assert_same_bits(restored(structure, arrays), given)
+    assert_same_bits(restore(structure, arrays), given)

@@ -12,7 +12,7 @@ from scipy.optimize import minimize_scalar
 
 import jaxstab as js
 from jaxstab.branches.limit import limit_ahead
-from jaxstab.equilibrium.posing import posed
+from jaxstab.equilibrium.posing import pose
 
 LAWS = {
     "exponential": js.potentials.Exponential(0.02, 0.08),
@@ -246,7 +246,7 @@ def test_in_single_precision_a_release_is_found_from_states_past_it():
     gap, mode = np.asarray(pull.equilibrium.gap), np.asarray(pull.critical.mode)
     move = mode / mode[(gap == 0) & (mode != 0)]
     single = js.Contact(contact.solid, heights.astype("float32"), contact.potential)
-    problem = posed(single, js.MeanPressure(pull.load.value.astype("float32")))
+    problem = pose(single, js.MeanPressure(pull.load.value.astype("float32")))
     unit = problem.unit
     ahead = jnp.asarray(-1e-6, "float32")
     find = jax.jit(lambda gap: limit_ahead(problem.contact, problem.state, gap, ahead))

@@ -10,7 +10,7 @@ import pytest
 import jaxstab as js
 from jaxstab import plots
 from jaxstab.core.history import History
-from jaxstab.core.stack import stacked
+from jaxstab.core.stack import stack_of
 
 
 def test_laws_and_forces_are_those_asked_for():
@@ -75,7 +75,7 @@ def test_verdicts_differ_without_colour(sweep):
     extra = eqx.tree_at(lambda x: x.stability.proved, every[[0, 0]], jnp.array([True, False]))
     labels = [marks.get_label() for marks in plots.stability_curve(extra).collections]
     assert labels == ["stable", "stable, locally"]
-    every = stacked([*every, extra[0]], every[0])
+    every = stack_of([*every, extra[0]], every[0])
     looks = {
         (marks.get_paths()[0].vertices.tobytes(), marks.get_facecolor()[0].mean() > 0.99)
         for marks in plots.stability_curve(every).collections

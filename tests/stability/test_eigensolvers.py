@@ -13,7 +13,7 @@ from problems import rough_contact, state_of
 import jaxstab as js
 from jaxstab.contact.hessian import Hessian, SymmetricOperator
 from jaxstab.stability.cones import AdmissibleCone, Subspace
-from jaxstab.stability.eigenpair import measured
+from jaxstab.stability.eigenpair import eigenpair_of
 from jaxstab.stability.lowest_pair import cone_starts, mode_on_cone
 from jaxstab.stability.solvers.base import ConeProblem, noise
 from jaxstab.stability.solvers.davidson import Span
@@ -62,11 +62,11 @@ def smallest_damage_modes(operator):
     space = Subspace(everywhere, fixes_mean=False)
     found = js.solvers.Davidson(1e-9).solve(operator, space, random)
     modes = found.vector
-    free = measured(operator, space, found, modes[0])
+    free = eigenpair_of(operator, space, found, modes[0])
     cone = AdmissibleCone(everywhere, fixes_mean=False)
     starts = jnp.concatenate([modes[:2], -modes[:2], random])
     found = js.solvers.ProjectedLOBPCG(1e-9).solve(operator, cone, starts)
-    return free, measured(operator, cone, found, found.vector)
+    return free, eigenpair_of(operator, cone, found, found.vector)
 
 
 class Counted(Dense):
@@ -105,7 +105,7 @@ def test_each_application_of_the_operator_is_counted(solver, domain):
     def number(starts):
         found = solver.solve(operator, space, starts)
         vector = found.vector[0] if domain is Subspace else found.vector
-        return measured(operator, space, found, vector).num_applications
+        return eigenpair_of(operator, space, found, vector).num_applications
 
     Counted.applications.clear()
     found = number(jax.random.normal(jax.random.key(0), (4, 20)))
@@ -239,7 +239,7 @@ def test_algorithm_1_without_a_fixed_mean_has_no_multiplier_of_it():
     )
     dense = jax.vmap(operator)(jnp.eye(64).reshape(64, 8, 8)).reshape(64, 64)
     lowest = np.linalg.eigvalsh(dense)[0]
-    pair = measured(operator, cone, found, found.vector)
+    pair = eigenpair_of(operator, cone, found, found.vector)
     assert found.result == js.RESULTS.successful
     assert pair.eigenvalue == pytest.approx(lowest, rel=1e-6)
 
@@ -282,7 +282,7 @@ def test_where_the_lowest_mode_lies_in_the_cone_it_is_the_answer(sign):
         solver, problem, js.RESULTS.successful, jnp.asarray(modes), random
     )
     assert is_answer
-    pair = measured(hessian, cone, found, found.vector)
+    pair = eigenpair_of(hessian, cone, found, found.vector)
     assert pair.eigenvalue == pytest.approx(values[0], rel=1e-12)
     np.testing.assert_allclose(pair.mode, sign * modes[0], atol=1e-8)
 

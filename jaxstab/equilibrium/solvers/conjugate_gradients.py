@@ -126,7 +126,7 @@ class PreconditionedConjugateGradient(EquilibriumSolver):
         A step on a CPU tries ever shorter lengths. One on an accelerator tries a single length, so
         that no loop within it waits for the host.
         """
-        return on_platform(partial(_searched, problem), partial(_tried_once, problem), state)
+        return on_platform(partial(_search_line, problem), partial(_try_once, problem), state)
 
     def measure(self, problem: "_Prepared", state: _DescentState) -> Indicators:
         """Return residual and energy; the residual is infinite where nothing is to be found."""
@@ -151,7 +151,7 @@ class _Prepared(Problem):
         return balance.energy + work
 
 
-def _begun(problem: _Prepared, state: _DescentState) -> _LineSearch:
+def _begin_search(problem: _Prepared, state: _DescentState) -> _LineSearch:
     """Return the search along a new direction."""
     control = problem.control
     net = state.balance.net
@@ -204,16 +204,16 @@ def _attempt(problem: _Prepared, state: _DescentState, search: _LineSearch) -> _
     return _DescentTrial(gap, balance, is_accepted | (num_cuts > _MAX_CUTS), shorter, num_cuts)
 
 
-def _ended(state: _DescentState, search: _LineSearch, trial: _DescentTrial) -> _DescentState:
+def _end_search(state: _DescentState, search: _LineSearch, trial: _DescentTrial) -> _DescentState:
     """Return the state at the end of a search."""
     grows = ~search.is_convex & (trial.num_cuts == 0)
     reach = jnp.where(grows, 2 * state.reach, 1)
     return _DescentState(trial.gap, trial.balance, replace(search, num_cuts=jnp.array(0)), reach)
 
 
-def _searched(problem: _Prepared, state: _DescentState) -> _DescentState:
+def _search_line(problem: _Prepared, state: _DescentState) -> _DescentState:
     """Return the state after a step that is cut until the energy falls."""
-    search = _begun(problem, state)
+    search = _begin_search(problem, state)
 
     def shorter(trial: _DescentTrial) -> _DescentTrial:
         cut = replace(search, length=trial.length, num_cuts=trial.num_cuts)
@@ -222,19 +222,19 @@ def _searched(problem: _Prepared, state: _DescentState) -> _DescentState:
     no = jnp.array(False)
     first = _DescentTrial(state.gap, state.balance, no, search.length, search.num_cuts)
     trial = jax.lax.while_loop(lambda trial: ~trial.is_last, shorter, first)
-    return _ended(state, search, trial)
+    return _end_search(state, search, trial)
 
 
-def _tried_once(problem: _Prepared, state: _DescentState) -> _DescentState:
+def _try_once(problem: _Prepared, state: _DescentState) -> _DescentState:
     """Return the state after one length, at which the search ends or after which it goes on."""
     # A search that goes on begins again at the same direction: that costs no more fields.
     num_cuts = state.search.num_cuts
-    search = _begun(problem, state)
+    search = _begin_search(problem, state)
     length = jnp.where(num_cuts < _MAX_CUTS, search.length / 3.0**num_cuts, 0)
     search = replace(search, length=length, num_cuts=num_cuts)
     trial = _attempt(problem, state, search)
     goes_on = replace(state, search=replace(state.search, num_cuts=trial.num_cuts))
-    ended = _ended(state, search, trial)
+    ended = _end_search(state, search, trial)
     return jax.tree.map(partial(jnp.where, trial.is_last), ended, goes_on)
 
 

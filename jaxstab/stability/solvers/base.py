@@ -46,7 +46,7 @@ class ConeProblem(eqx.Module):
     @classmethod
     def of(cls, hessian: Hessian, cone: AdmissibleCone) -> Self:
         """Return the problem of a Hessian on a cone."""
-        return cls(hessian.restricted(cone.is_moving), cone)
+        return cls(hessian.restriction(cone.is_moving), cone)
 
 
 class ModesProblem(Eigenproblem):

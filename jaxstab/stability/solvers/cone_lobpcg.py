@@ -22,7 +22,7 @@ from jaxstab.core.results import RESULTS
 from jaxstab.core.types import Field, Flag, Scalar
 from jaxstab.core.units import NUMBER
 from jaxstab.stability.cones import AdmissibleCone
-from jaxstab.stability.eigenpair import Minimum, descended, projected_residual
+from jaxstab.stability.eigenpair import Minimum, descend, projected_residual
 from jaxstab.stability.ritz import combination, least_new, orthonormal, rayleigh_ritz
 from jaxstab.stability.solvers.base import ConeSolver, Eigenproblem
 from jaxstab.stability.solvers.multi_start import multi_start
@@ -99,7 +99,7 @@ class ProjectedLOBPCG(ConeSolver):
 
         There no loop within a step waits for the host.
         """
-        return on_platform(partial(_lowered, problem), partial(_tried_once, problem), state)
+        return on_platform(partial(_lower, problem), partial(_tried_once, problem), state)
 
     def measure(self, problem: Eigenproblem, state: _ConeState) -> Indicators:
         """Return the projected residual of one start."""
@@ -124,7 +124,7 @@ class ProjectedLOBPCG(ConeSolver):
         result = RESULTS.where(is_lost, RESULTS.stagnated, best.result)
         point = best.state.point
         # A projected gradient step sets the points that the contact holds to exactly zero.
-        vector = descended(operator, point.mode, point.product, point.eigenvalue)
+        vector = descend(operator, point.mode, point.product, point.eigenvalue)
         return Minimum(
             vector=jnp.where(cone.is_trivial, 0, vector),
             num_steps=jnp.sum(found.num_steps),
@@ -134,7 +134,7 @@ class ProjectedLOBPCG(ConeSolver):
         )
 
 
-def _compared(old: _Point, mode: Array, product: Array) -> tuple[_Point, Flag]:
+def _compare(old: _Point, mode: Array, product: Array) -> tuple[_Point, Flag]:
     """Return the point of a unit vector, and whether it is a lower one; zero never is.
 
     The Rayleigh quotients of x and x + d differ by d.((A x - lambda x) + (A (x + d) - lambda
@@ -187,11 +187,11 @@ class _Plane(eqx.Module):
         gram, energies = jnp.split(sums[:-3].reshape(3, 6), 2, axis=1)
         units = jnp.eye(len(gram), dtype=gram.dtype)
 
-        def widened(index: Array, axes: Array) -> Array:
+        def widen(index: Array, axes: Array) -> Array:
             axis = orthonormal(entry_of(units, index), axes, gram, least_new(gram.dtype))
             return with_entry(axes, index, axis, axis=1)
 
-        axes = jax.lax.fori_loop(0, len(gram), widened, jnp.zeros_like(gram))
+        axes = jax.lax.fori_loop(0, len(gram), widen, jnp.zeros_like(gram))
         parts = rayleigh_ritz(axes, energies, 1)[1][:, 0]
         parts *= jnp.where(gram[0] @ parts < 0, -1, 1)
         # Combined products have no digits left where the basis reaches into stiff points, nor that
@@ -208,7 +208,7 @@ class _Plane(eqx.Module):
         return part / jnp.sqrt(part @ self.gram @ part)
 
 
-def _lowered(problem: Eigenproblem, state: _ConeState) -> _ConeState:
+def _lower(problem: Eigenproblem, state: _ConeState) -> _ConeState:
     """Return a start after a step to the lowest Ritz vector that can be brought onto the cone below
     the point, or part of the way to it.
     """
@@ -233,7 +233,7 @@ def _lowered(problem: Eigenproblem, state: _ConeState) -> _ConeState:
         mode, product = jax.lax.cond(
             is_new, projected, lambda: (vector, combination(part, plane.products))
         )
-        tried, is_lower = _compared(point, mode, product)
+        tried, is_lower = _compare(point, mode, product)
         return _ConeTrial(
             point=tried,
             is_lower=is_lower,
@@ -250,9 +250,7 @@ def _lowered(problem: Eigenproblem, state: _ConeState) -> _ConeState:
     )
     point = choose(trial.is_lower, trial.point, point)
     num_failures = jnp.where(trial.is_lower, 0, _MAX_TRIES)
-    return _arrived(
-        problem, state, point, num_failures, state.is_stuck + 2 + trial.num_applications
-    )
+    return _arrive(problem, state, point, num_failures, state.is_stuck + 2 + trial.num_applications)
 
 
 def _tried_once(problem: Eigenproblem, state: _ConeState) -> _ConeState:
@@ -266,13 +264,13 @@ def _tried_once(problem: Eigenproblem, state: _ConeState) -> _ConeState:
     is_new = plane.is_rough | jnp.any(cone.one_sided & (vector < 0))
     vector = jnp.where(is_new, cone.project(vector), vector)
     mode = model.onto_sphere(jnp.where(state.is_stuck, state.descended, vector))
-    tried, is_lower = _compared(state.point, mode, operator(mode))
+    tried, is_lower = _compare(state.point, mode, operator(mode))
     is_taken = is_lower | state.is_stuck
     point = choose(is_taken, tried, state.point)
     # Near rounding all lengths fail: after a step to the descended vector only one is tried.
     failures = jnp.where(state.num_failures < 0, _MAX_TRIES, state.num_failures + 1)
     num_failures = jnp.where(is_taken, jnp.where(state.is_stuck, -1, 0), failures)
-    new = _arrived(problem, state, point, num_failures, 3)
+    new = _arrive(problem, state, point, num_failures, 3)
     # A shorter length is one of the same plane.
     return replace(
         new,
@@ -281,7 +279,7 @@ def _tried_once(problem: Eigenproblem, state: _ConeState) -> _ConeState:
     )
 
 
-def _arrived(
+def _arrive(
     problem: Eigenproblem,
     before: _ConeState,
     point: _Point,
@@ -291,7 +289,7 @@ def _arrived(
     """Return the state of a start at a point."""
     old = before.point
     along = total(point.mode * old.mode)
-    moved = descended(problem.operator, point.mode, point.product, point.eigenvalue)
+    moved = descend(problem.operator, point.mode, point.product, point.eigenvalue)
     return _ConeState(
         point,
         problem.domain.project(moved),

@@ -88,7 +88,7 @@ class Span(eqx.Module):
         is_new = total(rest**2) > _rounding(square.dtype) ** 2 * square
         return jnp.where(is_new, rest, 0)
 
-    def spanned_by(self, parts: Float[Array, "room kept"]) -> "Span":
+    def span_of(self, parts: Float[Array, "room kept"]) -> "Span":
         """Return the space of some combinations of its vectors, with the same room."""
         room, kept = parts.shape
         basis, products = combinations(parts, self.basis, self.products)
@@ -201,7 +201,7 @@ class Davidson(SpaceSolver):
         parts = jnp.eye(len(state.span.basis), size, dtype=starts.dtype)
         start = state.span, state.eigenvalues, parts, parts
         span, eigenvalues, parts, before = jax.lax.fori_loop(0, number, widen, start)
-        return _restarted(problem, span, eigenvalues, parts, before[:, target])
+        return _restart(problem, span, eigenvalues, parts, before[:, target])
 
     def measure(self, problem: ModesProblem, state: _RitzState) -> Indicators:
         """Return the largest residual of the modes that decide."""
@@ -227,12 +227,12 @@ class Davidson(SpaceSolver):
         )
 
 
-def _restarted(
+def _restart(
     problem: ModesProblem, span: Span, eigenvalues: Array, parts: Array, last: Array
 ) -> _RitzState:
     """Keep the lowest Ritz vectors, and the part of another vector apart from them."""
     last = orthonormal(last, parts, span.gram, _rounding(last.dtype))
-    span = span.spanned_by(jnp.column_stack([parts, last]))
+    span = span.span_of(jnp.column_stack([parts, last]))
     residuals = [span.products[i] - eigenvalues[i] * span.basis[i] for i in range(problem.count)]
     residual = norms(residuals) / problem.operator.scale
     return _RitzState(span, eigenvalues, residual, jnp.array(False))

@@ -43,14 +43,14 @@ def multi_start(
         return found, ~_is_out(found, is_needed)
     rounds = partial(_rounds, solver, problem)
 
-    def narrowed(*starts: PyTree) -> tuple[Iteration, Array]:
+    def narrow(*starts: PyTree) -> tuple[Iteration, Array]:
         # Together all starts cost as much as those that are on: the few that go on move closer.
         found = rounds(slice(_FEW_FROM), *starts)
         ahead = jnp.argsort(~found[1])[:_FEW]
         few = rounds(slice(_FEW_FROM, None), *jax.tree.map(lambda leaf: leaf[ahead], found))
         return jax.tree.map(lambda leaf, end: leaf.at[ahead].set(end), found, few)
 
-    return on_platform(partial(rounds, slice(None)), narrowed, starts, is_needed)
+    return on_platform(partial(rounds, slice(None)), narrow, starts, is_needed)
 
 
 def _rounds(
@@ -71,14 +71,14 @@ def _rounds(
     def round_after(state: tuple[Array, Iteration, Array]) -> tuple:
         number, found, is_on = state
         limits = jnp.where(is_on, entry_of(lengths, number), 0)
-        found = _advanced(solver, problem, found, limits)
+        found = _advance(solver, problem, found, limits)
         wins = _ranks(problem, found, is_on) < entry_of(num_kept, number)
         return number + 1, found, wins
 
     return jax.lax.while_loop(goes_on, round_after, (jnp.array(0), starts, is_on))[1:]
 
 
-def _advanced(
+def _advance(
     solver: IterativeSolver, problem: Eigenproblem, found: Iteration, limits: Int[Array, " starts"]
 ) -> Iteration:
     """Return iterations after at most so many steps more, one after another on a CPU."""

@@ -27,7 +27,7 @@ from jaxstab.core.loop import Iteration, optional_parameter
 from jaxstab.core.results import RESULTS
 from jaxstab.core.types import Field, Scalar
 from jaxstab.core.units import NUMBER, STIFFNESS, Dimension
-from jaxstab.stability.eigenpair import Minimum, admissible_pair, descended, unit_vector
+from jaxstab.stability.eigenpair import Minimum, admissible_pair, descend, unit_vector
 from jaxstab.stability.solvers.base import ConeSolver, Eigenproblem
 
 _COMPLIANCE = Dimension("length/pressure")
@@ -131,7 +131,7 @@ class ProximalIteration(ConeSolver):
         # The defaults meet it exactly, so rounding is allowed for.
         is_short = (1 / tau - sigma) * (1 + 8 * jnp.finfo(mode.dtype).eps) >= operator.bound / 2
         return Minimum(
-            vector=descended(operator, mode, operator(mode), eigenvalue),
+            vector=descend(operator, mode, operator(mode), eigenvalue),
             num_steps=num_steps,
             num_applications=num_steps + 1 + num_steps // self.steps_per_check + 2,
             result=RESULTS.where(is_short, found.result, RESULTS.long_steps),

@@ -9,7 +9,7 @@ import numpy as np
 
 from jaxstab.core.optional_packages import require_packages
 from jaxstab.core.units import unit_of
-from jaxstab.surfaces.formats.scan import Scan, UnknownContent, chosen, on_a_side_or_two
+from jaxstab.surfaces.formats.scan import Scan, UnknownContent, channel_to_read, on_a_side_or_two
 
 # The readers of these formats accept files of any kind; of text only if it states a unit.
 _UNMARKED = {"hgt", "nms", "h5"}
@@ -23,7 +23,7 @@ def read_instrument(source: str | BytesIO, channel: str | None) -> Scan:
     require_packages("Files of instruments", "surfaces", "SurfaceTopography.IO")
     from SurfaceTopography.IO import open_topography
 
-    with _asked(open_topography, source) as reader:
+    with _ask(open_topography, source) as reader:
         channels = reader.channels
         kind = reader.format()
         if kind in _UNMARKED or (kind in _TEXT and any(one.unit is None for one in channels)):
@@ -64,17 +64,17 @@ def _scan_of(reader: Any, channel: str | None) -> Scan:
     }
     if not channels:
         raise ValueError("it has no channel of heights.")
-    name, remarks = chosen(channels, channel, next(iter(channels)))
+    name, remarks = channel_to_read(channels, channel, next(iter(channels)))
     one = channels[name]
     says_lengths = one.physical_sizes is not None
     sizes = {}
     if not says_lengths:
         # A reader needs some.
         sizes = {"physical_sizes": one.nb_grid_pts}
-    return scan_of_topography(_asked(one.topography, **sizes), remarks, says_lengths)
+    return scan_of_topography(_ask(one.topography, **sizes), remarks, says_lengths)
 
 
-def _asked(function: Callable[..., Any], *arguments: Any, **options: Any) -> Any:
+def _ask(function: Callable[..., Any], *arguments: Any, **options: Any) -> Any:
     """Return the answer of SurfaceTopography, with its errors as `ValueError`."""
     try:
         with np.errstate(all="ignore"):

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from jaxstab.core.optional_packages import NETCDF, require_packages
-from jaxstab.core.units import converted, unit_of
+from jaxstab.core.units import convert_lengths, unit_of
 from jaxstab.surfaces.formats.scan import (
     Scan,
     UnknownContent,
@@ -86,7 +86,7 @@ def scan_of_array(array: "xarray.DataArray", remarks: tuple[str, ...] = ()) -> S
     own = _unit(array)
     unit = next(iter(units), own)
     if own and unit and own != unit:
-        heights = converted(heights, own, unit)
+        heights = convert_lengths(heights, own, unit)
         remarks = (*remarks, f"heights converted from {own} to {unit}")
     return Scan(heights, tuple(lengths) or None, unit, remarks, is_periodic, is_counted)
 

@@ -38,7 +38,9 @@ class UnknownContent(ValueError):
     """Another reader may understand the file."""
 
 
-def chosen(names: Iterable[str], channel: str | None, default: str) -> tuple[str, tuple[str, ...]]:
+def channel_to_read(
+    names: Iterable[str], channel: str | None, default: str
+) -> tuple[str, tuple[str, ...]]:
     """Return the name of the channel to read, and a remark where there are several."""
     names = list(names)
     listed = ", ".join(map(repr, names))
@@ -55,7 +57,7 @@ def chosen(names: Iterable[str], channel: str | None, default: str) -> tuple[str
 
 
 def chosen_array(names: Iterable[str], channel: str | None) -> tuple[str, tuple[str, ...]]:
-    """As `chosen`, by default `heights` or the only one, since others may be coordinates."""
+    """As `channel_to_read`, but by default `heights` or the only one: others may be coordinates."""
     names = list(names)
     if "heights" not in names and channel is None and len(names) > 1:
         raise ValueError(
@@ -65,7 +67,7 @@ def chosen_array(names: Iterable[str], channel: str | None) -> tuple[str, tuple[
     default = names[0]
     if "heights" in names:
         default = "heights"
-    return chosen(names, channel, default)
+    return channel_to_read(names, channel, default)
 
 
 def on_a_side_or_two(values: np.ndarray) -> np.ndarray:

@@ -9,7 +9,7 @@ from jaxstab.surfaces.formats.scan import (
     Scan,
     UnknownContent,
     are_pixels,
-    chosen,
+    channel_to_read,
     on_a_side_or_two,
     on_lattice,
 )
@@ -47,7 +47,7 @@ def read_text(text: str, channel: str | None) -> Scan:
         )
     lines = [re.split("[#%]", line, maxsplit=1)[0].strip() for line in text.splitlines()]
     lines = list(filter(None, lines))
-    chosen(["heights"], channel, "heights")
+    channel_to_read(["heights"], channel, "heights")
     if not lines:
         raise ValueError("it holds no numbers.")
     if all(re.fullmatch(r"-?\d+,\d+", line) for line in lines):
