@@ -49,11 +49,11 @@ def test_an_interrupt_after_the_last_time_loses_nothing(monkeypatch):
     contact, (times, values) = viscoelastic(), cycle(9)
     whole = js.evolve(contact, js.MeanDisplacement(values), times, rtol=ANY)
     module = importlib.import_module("jaxstab.evolution.evolve")
-    stacked = module.stacked
+    stack = module.stack_of
 
     def interrupted(*inputs):
         signal.raise_signal(signal.SIGINT)
-        return stacked(*inputs)
+        return stack(*inputs)
 
     monkeypatch.setattr(module, "stack_of", interrupted)
     with pytest.warns(js.exceptions.PathInterrupted, match="after its last time; it is complete"):
