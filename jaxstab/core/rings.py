@@ -11,7 +11,14 @@ import numpy as np
 from jax.sharding import NamedSharding
 from jaxtyping import Array, Float
 
-from jaxstab.core.checks import integer, parameter, positive_scalar, require, require_positive
+from jaxstab.core.checks import (
+    in_words,
+    integer,
+    parameter,
+    positive_scalar,
+    require,
+    require_positive,
+)
 from jaxstab.core.display import inline
 from jaxstab.core.grid import Mesh
 from jaxstab.core.types import ArrayLike, Field, Scalar
@@ -88,7 +95,9 @@ class Rings(Mesh):
             F = 2 E* int_0^a r^2 (-h'(r)) / sqrt(a^2 - r^2) dr - sqrt(8 pi w E* a^3).
 
         The disc is half as large again, and larger if the tip is within eight ranges of the law
-        there. At the edge of the contact the shortest wave is four times as stiff as the law.
+        there. At the edge of the contact that a dead load pulls off the shortest wave is four times
+        as stiff as the law, and thirty rings lie within it. A held far side leaves about half of
+        that radius: give twice the rings for its jump.
 
         Arguments:
             profile: h(r), the height of the tip at an array of radii [length].
@@ -99,11 +108,18 @@ class Rings(Mesh):
                 without adhesion.
 
         Raises:
+            TypeError: for a profile that is not a function.
             ValueError: for a modulus that is not positive, a negative force or work, adhesion
-                without a range, neither force nor adhesion, a tip that no contact radius brings to
-                the force, and a range that takes more than 4,000 rings; the message has the range
-                that they resolve.
+                without a range, neither force nor adhesion, and a tip that no contact radius brings
+                to the force. For a range that takes more than 4,000 rings; the message has the
+                range that they resolve. For a force whose contact is so much wider than the one at
+                pull-off that thirty rings within this take more than 4,000.
         """
+        if not callable(profile):
+            raise TypeError(
+                f"The profile is {in_words(profile)}: give a function that returns the height at "
+                "an array of radii, as lambda r: -(r**2) / 2."
+            )
         require_positive("The contact modulus", parameter(contact_modulus))
         for name, value in (("The force", force), ("The work of adhesion", work_of_adhesion)):
             require(name, value, 0 <= value < np.inf, "it must be finite and not negative.")
@@ -123,7 +139,7 @@ class Rings(Mesh):
         # Pull-off happens at the least force.
         smallest = a[np.argmin(forces[: largest + 1])] if work_of_adhesion > 0 else contact
         radius = _BEYOND * contact
-        number = max(_LEAST_RINGS, _IN_CONTACT * (radius / smallest) ** 2)
+        number = _LEAST_RINGS
         if work_of_adhesion > 0:
             depths = profile(contact) - np.asarray(profile(a))
             is_beyond = (a > radius) & (depths >= _RANGES * length)
@@ -138,7 +154,14 @@ class Rings(Mesh):
                 f"The range of the law is {length}: that takes {number:.0f} rings. A range of "
                 f"{length * (number / _MOST_RINGS) ** 0.5:.3g} takes {_MOST_RINGS}."
             )
-        return cls(math.ceil(number), radius)
+        in_contact = _IN_CONTACT * (radius / smallest) ** 2
+        if in_contact > _MOST_RINGS:
+            raise ValueError(
+                f"The force is {force}: its contact needs a disc {radius / smallest:.3g} times as "
+                f"wide as the contact at pull-off, and {in_contact:.0f} rings for {_IN_CONTACT} "
+                "within that. Give a smaller force, or no adhesion if the pull-off does not matter."
+            )
+        return cls(math.ceil(max(number, in_contact)), radius)
 
     @property
     def shape(self) -> tuple[int]:  # pyright: ignore[reportIncompatibleVariableOverride]

@@ -291,7 +291,8 @@ class Axisymmetric(AxisymmetricSolid):
         if not isinstance(solid, SpectralSolid):
             raise TypeError(
                 f"The solid is a {type(solid).__name__}: rings need a stiffness for every "
-                "wavenumber, as Layer, CoatedHalfSpace, SurfaceTension and Spectral have."
+                "wavenumber, as Layer, CoatedHalfSpace, SurfaceTension and Spectral have. A half "
+                "space on rings is an AxisymmetricHalfSpace."
             )
         self.solid = solid
 

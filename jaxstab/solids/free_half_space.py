@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Array
 
 from jaxstab.core.compile import program
-from jaxstab.core.grid import Grid
+from jaxstab.core.grid import Grid, require_grid
 from jaxstab.core.linear_system import LinearSystem
 from jaxstab.core.types import ArrayLike, Field, FieldMap, Mask, Scalar
 from jaxstab.core.units import NUMBER, PRESSURE
@@ -76,7 +76,7 @@ class FreeHalfSpace(Solid):
 
     Raises:
         ValueError: if E is not positive, or nu outside (-1, 0.5].
-        TypeError: if one of them is complex.
+        TypeError: if one of them is complex, and for rings.
     """
 
     grid: Grid
@@ -84,6 +84,9 @@ class FreeHalfSpace(Solid):
     poisson_ratio: Annotated[Scalar, NUMBER]
 
     is_window: ClassVar[bool] = True
+
+    def __check_init__(self) -> None:
+        require_grid(self.grid)
 
     def __init__(self, grid: Grid, youngs_modulus: ArrayLike, poisson_ratio: ArrayLike = 0.0):
         self.grid = grid

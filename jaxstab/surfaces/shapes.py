@@ -177,7 +177,8 @@ def tip(grid: Mesh, profile_radii: ArrayLike, profile_heights: ArrayLike) -> Fie
 
     Arguments:
         grid: the grid.
-        profile_radii: r, ascending from zero to the corners of the cell or beyond [length].
+        profile_radii: r, ascending from zero to the corners of the cell, or the rim of the disc, or
+            beyond [length].
         profile_heights: h there, the summit pointing towards the solid, upwards [length].
 
     Returns:
@@ -202,7 +203,7 @@ def tip(grid: Mesh, profile_radii: ArrayLike, profile_heights: ArrayLike) -> Fie
     r = concrete(radii)
     require("The profile", r, (r[0] == 0) & (r[1:] > r[:-1]).all(), "radii must ascend from zero.")
     corner = (concrete(grid.lengths) ** 2).sum() ** 0.5 / 2
-    cure = f"the corners of the cell lie at {corner}; continue the profile, or take a smaller cell."
+    cure = f"the grid reaches to r = {corner}; continue the profile, or take a smaller grid."
     # Rounding must not decide whether it reaches them.
     require("The last radius of the profile", r[-1], r[-1] >= corner * (1 - 1e-6), cure)
     _warn_of_depths(r, heights)

@@ -102,7 +102,7 @@ RADII, HEIGHTS = PROFILE
         ("wavy_sphere", [1.0, np.inf, 1.0], r"amplitude is inf"),
         ("tip", [RADII + 0.1, HEIGHTS], "ascend from zero"),
         ("tip", [RADII[::-1], HEIGHTS], "ascend from zero"),
-        ("tip", [RADII[:4], HEIGHTS[:4]], r"last radius of the profile is 0\.4: the corners"),
+        ("tip", [RADII[:4], HEIGHTS[:4]], r"last radius of the profile is 0\.4: the grid reaches"),
         ("tip", [RADII, HEIGHTS[:3]], r"shape \(7,\) and heights of shape \(3,\)"),
         ("tip", [RADII, HEIGHTS * np.nan], r"profile is nan at \(0,\)"),
     ],
