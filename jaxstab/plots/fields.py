@@ -1,4 +1,4 @@
-"""Fields over the surface: maps, or profiles on a line."""
+"""Fields over the surface: maps, profiles on a line, and profiles beside a disc on rings."""
 
 from __future__ import annotations
 
@@ -31,6 +31,9 @@ from jaxstab.stability import Eigenpair
 
 # The symbol x of a mode is left out, since x is a side of the surface too.
 _MODE = "mode of unit norm"
+# Points across the picture of a disc, and its place beside the axes.
+_PIXELS = 301
+_BESIDE = (1.02, 0.35, 0.3, 0.3)
 
 
 def surface(contact: Contact, *, axes: Axes | None = None) -> Axes:
@@ -211,10 +214,6 @@ def _field(
 ) -> Axes:
     axes = axes_or_new(axes)
     values = np.asarray(field)
-    if values.ndim == 1:
-        axes.plot(np.asarray(contact.grid.coordinates[0]), values)
-        label_axes(axes, f"{contact.grid.sides[0]} [length]", label, contact.units)
-        return axes
     least = values.min()
     most = values.max()
     if centred:
@@ -223,9 +222,27 @@ def _field(
     elif not values.any():
         # A closed gap is zero everywhere.
         most = 1
-    image = draw_map(axes, contact, values, cmap=colours, vmin=least, vmax=most)
+    style = {"cmap": colours, "vmin": least, "vmax": most}
+    if values.ndim == 1:
+        axes.plot(np.asarray(contact.grid.coordinates[0]), values)
+        label_axes(axes, f"{contact.grid.sides[0]} [length]", label, contact.units)
+        if isinstance(contact.grid, Rings):
+            _draw_disc(axes, values, **style)
+        return axes
+    image = draw_map(axes, contact, values, **style)
     add_colour_bar(axes, image, label, contact.units)
     return axes
+
+
+def _draw_disc(axes: Axes, values: np.ndarray, **style: Any) -> None:
+    """Draw a field on rings as a disc, seen from above, beside its profile."""
+    across = np.linspace(-1, 1, _PIXELS)
+    # Of N rings of equal area, N (r/R)^2 lie within r.
+    ring = (values.size * (across[:, None] ** 2 + across**2)).astype(int)
+    seen = np.ma.masked_where(ring >= values.size, values[np.minimum(ring, values.size - 1)])
+    disc = axes.inset_axes(_BESIDE)
+    disc.imshow(seen, interpolation="nearest", **style)
+    disc.set_axis_off()
 
 
 def _shade(axes: Axes, edges: np.ndarray, touches: np.ndarray) -> None:

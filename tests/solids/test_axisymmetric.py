@@ -252,6 +252,11 @@ def test_rings_are_chosen_for_a_contact():
     radius = float(chosen.radius) * float(state.contact_area) ** 0.5
     assert 0.5 < radius / float(chosen.radius) < 0.75
     assert contact.resolution > 4
+    # Eight ranges take a larger disc, with as many rings within JKR's contact at pull-off.
+    wide = js.Rings.for_contact(profile, 1e6, force=1e-8, work_of_adhesion=0.05, length=4e-7)
+    assert float(wide.radius) > 1.3 * float(chosen.radius)
+    smallest = (9 * np.pi * 0.05 * 1e-5**2 / (8 * 1e6)) ** (1 / 3)
+    assert float(np.sum(wide.edges[1:] < smallest)) == pytest.approx(30, abs=3)
 
 
 def test_a_disc_conducts_as_holm_says(rings, solid):
@@ -290,6 +295,12 @@ def test_figures_are_drawn_over_the_radius(sticky):
     figure = js.plots.summary(sticky, state, js.assess_stability(sticky, state))
     # Surface, gap, pressure and mode.
     assert [axes.get_xlabel() for axes in figure.axes].count("r [length]") == 4
+    # The disc beside a profile: of the pixels within a radius as many as its share of the area.
+    (disc,) = js.plots.pressure(sticky, state, axes=plt.figure().gca()).child_axes
+    seen = disc.images[0].get_array()
+    assert np.mean(~seen.mask) == pytest.approx(np.pi / 4, abs=0.01)
+    share = float(jnp.mean(state.pressure > 0))
+    assert np.sum(seen > 0) / np.sum(~seen.mask) == pytest.approx(share, abs=0.01)
     plt.close("all")
 
 
@@ -314,6 +325,7 @@ def test_a_hyperboloid_takes_sneddons_force(rings, solid):
         ({"force": 0.0}, "no contact radius of this tip"),
         ({"force": 0.0, "work_of_adhesion": 0.01}, "The range of the law is 0"),
         ({"force": 0.0, "work_of_adhesion": 0.01, "length": 1e-4}, "A range of .* takes 4000"),
+        ({"force": 30.0, "work_of_adhesion": 0.01, "length": 0.3}, "The force is 30.* smaller"),
     ],
 )
 def test_a_choice_that_is_impossible_is_told(arguments, message):
@@ -328,6 +340,10 @@ def test_mistakes_are_told(rings, solid, sticky):
         js.Rings(10, -1.0)
     with pytest.raises(TypeError, match="AxisymmetricHalfSpace"):
         js.HalfSpace(rings, 1.0)
+    with pytest.raises(TypeError, match="AxisymmetricHalfSpace"):
+        js.FreeHalfSpace(rings, 1.0)
+    with pytest.raises(TypeError, match="give a function that returns the height"):
+        js.Rings.for_contact(np.zeros(4), 1.0, force=1.0)
     with pytest.raises(TypeError, match="no rings"):
         js.solids.AxisymmetricHalfSpace(js.Grid(8), 1.0)
     with pytest.raises(TypeError, match="stiffness for every wavenumber"):
