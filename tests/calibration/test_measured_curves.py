@@ -365,14 +365,17 @@ def test_a_curve_of_jkr_gives_what_a_fit_of_their_closed_form_gives():
     forces = closed_form(indentation, energy, 0.0) + noise
     shifted = indentation - 0.3
     values, _ = curve_fit(closed_form, shifted, forces, p0=[0.06, 0.0])
+    rings = js.Rings(100, 20.0)
+    tip = js.surfaces.paraboloid(rings, radius)
+    solid = js.solids.AxisymmetricHalfSpace(rings, modulus)
     fit = js.calibrate(
-        tip(64, 40.0, 0.06, 0.6),
+        js.Contact(solid, tip, js.potentials.Exponential(0.06, 0.6)),
         js.FarDisplacement(-shifted),
         forces=forces,
         where=lambda contact: contact.potential.surface_energy,
         offset=True,
     )
-    # A law with a range of 0.6 nm on points as far apart is not quite JKR's.
+    # A law with a range of 0.6 nm is not quite JKR's.
     np.testing.assert_allclose(fit.parameters, values[0], rtol=0.05)
     np.testing.assert_allclose(fit.offset, -values[1], atol=0.1)
 

@@ -59,9 +59,14 @@ def means(
             jumps add some.
 
     Raises:
+        TypeError: for anything but a force curve.
         ValueError: for another segment or one that the curve lacks, fewer than four points, no
             spring constant, and a curve that cannot be corrected.
     """
+    if not isinstance(curve, ForceCurve):
+        raise TypeError(
+            f"The curve is a {type(curve).__name__}: give one, of several by its number."
+        )
     if segment not in ("approach", "retraction"):
         raise ValueError(f"The segment is {segment!r}: choose approach or retraction.")
     if points < 4:

@@ -72,11 +72,12 @@ def test_means_have_the_units_of_the_curve_and_leave_out_missing_points():
     [
         ({"segment": "both"}, "'both': choose"),
         ({"points": 2}, "points is 2"),
+        ({"curve": np.ones(3)}, "The curve is a ndarray"),
         ({"curve": synthetic.recorded(synthetic.dmt(), 0, parts=("approach",))}, "no retraction"),
     ],
 )
 def test_impossible_means_are_refused(change, message):
-    with pytest.raises(ValueError, match=message):
+    with pytest.raises((TypeError, ValueError), match=message):
         means(**({"curve": synthetic.recorded(synthetic.dmt(), 0)} | change))
 
 
