@@ -38,7 +38,7 @@ from .solids import (
     SurfaceTension,
     Viscoelastic,
 )
-from .stability import ProximalIteration, assess_stability, lowest_modes, release
+from .stability import ProximalIteration, assess_stability, lowest_modes, relax_along
 from .stability.verdict import VERDICTS
 from .studies import study
 from .transitions import detachment, easiest_exit, transition
@@ -92,7 +92,7 @@ __all__ = [
     "potentials",
     "pull_off",
     "references",
-    "release",
+    "relax_along",
     "resolved_range",
     "results",
     "save",

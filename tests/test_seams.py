@@ -162,7 +162,7 @@ def test_a_solver_of_ones_own_finds_equilibria_in_every_call(contact):
     swept = js.sweep(contact, js.MeanGap(jnp.array([0.08, 0.1])), equilibrium_solver=solver)
     assert (swept[0].equilibrium.gap == found.gap).all()
     mode = js.assess_stability(contact, found).critical.mode
-    released = js.release(contact, found, mode, solver=solver)
+    released = js.relax_along(contact, found, mode, solver=solver)
     np.testing.assert_allclose(released.gap, expected.gap, atol=1e-6)
     batch = jax.vmap(lambda value: js.equilibrate(contact, js.MeanGap(value), solver, throw=False))
     together = batch(jnp.array([0.08, 0.1])).gap

@@ -57,6 +57,8 @@ def test_the_root_holds_few_names_and_says_where_others_are():
     for name, room in classes.items():
         with pytest.warns(DeprecationWarning, match=rf"{name} is now {room.__name__}\.{name}\."):
             assert getattr(js, name) is getattr(room, name)
+    with pytest.warns(DeprecationWarning, match=r"jaxstab\.release is now jaxstab\.relax_along"):
+        assert js.release is js.relax_along
     with pytest.raises(AttributeError, match="Paths"):
         _ = js.Paths
 

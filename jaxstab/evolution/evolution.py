@@ -13,6 +13,7 @@ from jaxstab.contact import Contact, require_contact
 from jaxstab.core import display
 from jaxstab.core.checks import require_kind
 from jaxstab.core.display import column
+from jaxstab.core.renamed import Renamed
 from jaxstab.core.results import RESULTS
 from jaxstab.core.types import Field, Scalar
 from jaxstab.core.units import ENERGY, FORCE, LENGTH, NUMBER, PRESSURE, TIME, Dimensioned
@@ -30,7 +31,7 @@ OF_RUN: tuple[str, ...] = (
     "last",
     "reached",
     "jump_times",
-    "dissipation",
+    "jump_losses",
     "largest_tension",
     "largest_tension_time",
     "largest_compression",
@@ -60,8 +61,8 @@ class Totals(Dimensioned):
         stored: elastic energy of all branches, adhesive energy and the energy of a spring, less
             their sum at the start [energy].
         work: done by the load since the start [energy].
-        dissipated: in the solid, since the start [energy].
-        lost: in jumps, since the start [energy].
+        viscous_dissipation: in the solid, since the start [energy].
+        jump_dissipation: in jumps, since the start [energy].
     """
 
     mean_gap: Annotated[Float[Array, "..."], LENGTH]
@@ -69,8 +70,8 @@ class Totals(Dimensioned):
     contact_area: Annotated[Float[Array, "..."], NUMBER]
     stored: Annotated[Float[Array, "..."], ENERGY]
     work: Annotated[Float[Array, "..."], ENERGY]
-    dissipated: Annotated[Float[Array, "..."], ENERGY]
-    lost: Annotated[Float[Array, "..."], ENERGY]
+    viscous_dissipation: Annotated[Float[Array, "..."], ENERGY]
+    jump_dissipation: Annotated[Float[Array, "..."], ENERGY]
 
 
 class Evolution(Totals):
@@ -89,7 +90,7 @@ class Evolution(Totals):
         last: gap and memory of the last state that was found.
         reached: the time of the last state that was found [time].
         jump_times: when the contact jumped; under JAX transformations the end of each step [time].
-        dissipation: the energy lost in each jump; under JAX transformations in each step [energy].
+        jump_losses: the energy lost in each jump; under JAX transformations in each step [energy].
         largest_tension: the largest of -p0 at the end of any step of the run, between the times
             too: negative if the contact never pulls [pressure].
         largest_tension_time: when that was [time].
@@ -107,13 +108,17 @@ class Evolution(Totals):
     last: Internal | None = eqx.field(repr=False)
     reached: Annotated[Scalar, TIME]
     jump_times: Annotated[Float[Array, " jumps"], TIME]
-    dissipation: Annotated[Float[Array, " jumps"], ENERGY]
+    jump_losses: Annotated[Float[Array, " jumps"], ENERGY]
     largest_tension: Annotated[Scalar, PRESSURE]
     largest_tension_time: Annotated[Scalar, TIME]
     largest_compression: Annotated[Scalar, PRESSURE]
     largest_compression_time: Annotated[Scalar, TIME]
     num_steps: Int[Array, "..."]
     result: RESULTS
+
+    dissipated = Renamed("viscous_dissipation")
+    lost = Renamed("jump_dissipation")
+    dissipation = Renamed("jump_losses")
 
     def __len__(self) -> int:
         if self.times.ndim == 0:
@@ -170,7 +175,7 @@ class Evolution(Totals):
             mean_pressure=self.mean_pressure,
             contact_area=self.contact_area,
             work=self.work,
-            dissipation=self.lost,
+            dissipation=self.jump_dissipation,
             gap=gap,
         )
 
@@ -201,7 +206,12 @@ class Evolution(Totals):
         units = self.contact.units
         columns = {"time": column(self.times, "{:.6g}".format)}
         columns |= load_column(self.load, units, ".6g") | state_columns(self.equilibrium)
-        balance = {name: getattr(self, name) for name in ("work", "stored", "dissipated", "lost")}
+        balance = {
+            "work": self.work,
+            "stored": self.stored,
+            "dissipated": self.viscous_dissipation,
+            "lost": self.jump_dissipation,
+        }
         columns |= measured_columns(balance, units, ENERGY)
         columns["steps"] = column(self.num_steps, str)
         extremes = [

@@ -156,11 +156,11 @@ def evolve(
         # As they were given, without the rounding of conversions.
         evolution = replace(evolution, contact=contact, load=load[: len(evolution)])
         if is_alone:
-            has_jumped = np.asarray(evolution.dissipation) > 0
+            has_jumped = np.asarray(evolution.jump_losses) > 0
             evolution = replace(
                 evolution,
                 jump_times=evolution.jump_times[has_jumped],
-                dissipation=evolution.dissipation[has_jumped],
+                jump_losses=evolution.jump_losses[has_jumped],
             )
     if interrupts and len(evolution) == len(instants):
         warn("The evolution was interrupted after its last time; it is complete.", PathInterrupted)
@@ -275,7 +275,7 @@ def _evolution(
         last=last,
         reached=jnp.where(increments.count > 0, step_ends[increments.count - 1], times[0]),
         jump_times=step_ends,
-        dissipation=losses,
+        jump_losses=losses,
         num_steps=jnp.diff(ends.num_steps, prepend=0),
         result=ends.result,
     )

@@ -151,7 +151,7 @@ def _follow_leg(stepping: TimeStepping, steps: Steps, leg: Leg) -> tuple[Steps, 
         is_accepted = (is_smooth | is_shortest) & is_solved
         # The shortest step may bend much, behind a turn of the load, and lose nothing.
         new = with_loss(is_accepted & (energy_error > 1))
-        loss = new.totals.lost - old.totals.lost
+        loss = new.totals.jump_dissipation - old.totals.jump_dissipation
         # A step of no length before a jump moves with it in derivatives.
         none = jnp.zeros_like(loss)
         pause = Increment(leg.number, start, start, none, old.totals.mean_pressure)

@@ -103,7 +103,7 @@ def replay(
     (last, _), (totals, delays) = jax.lax.scan(jax.checkpoint(one), begin, numbers)
     return Replay(
         totals=jax.tree.map(lambda leaf: leaf[counts], totals),
-        losses=jnp.diff(totals.lost),
+        losses=jnp.diff(totals.jump_dissipation),
         pressures=totals.mean_pressure,
         delays=delays[1:],
         last=last.internal,

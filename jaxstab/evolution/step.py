@@ -92,7 +92,7 @@ def first_record(contact: Contact, load: Load, memory: Internal, dt: Scalar) -> 
         end,
         internal=or_nan(end.internal, end.result),
         rate=begin.rate,
-        totals=replace(end.totals, work=zero, dissipated=zero, lost=zero),
+        totals=replace(end.totals, work=zero, viscous_dissipation=zero, jump_dissipation=zero),
         largest_deformation=begin.largest_deformation,
         largest_energy=begin.largest_energy,
     )
@@ -147,7 +147,7 @@ def take_step(
     cross = jnp.stack(cross)
     forms = e**2 * old.forms + 2 * e * b * cross + b**2 * square
     branches = -jnp.expm1(-2 * x) / 2 * old.forms - jnp.expm1(-x) * b * cross + _gain(x) * square
-    dissipated = before.dissipated + jnp.sum(ratios * branches)
+    dissipated = before.viscous_dissipation + jnp.sum(ratios * branches)
 
     # Above zero strain and no law.
     stored = total(energy_density(contact.potential, gap)) * contact.grid.cell_area
@@ -159,7 +159,7 @@ def take_step(
         far -= compliance * (pressure - before.mean_pressure)
         stored += contact.area * compliance * pressure**2 / 2
 
-    gained = stored - before.stored + dissipated - before.dissipated
+    gained = stored - before.stored + dissipated - before.viscous_dissipation
     by_pressure = -contact.area * (before.mean_pressure + pressure) / 2 * far
     work = before.work + gained
 
@@ -173,8 +173,8 @@ def take_step(
             contact_area=found.contact_area,
             stored=stored,
             work=work,
-            dissipated=dissipated,
-            lost=before.lost,
+            viscous_dissipation=dissipated,
+            jump_dissipation=before.jump_dissipation,
         ),
         largest_deformation=jnp.maximum(old.largest_deformation, jnp.max(jnp.abs(deformation))),
         largest_energy=jnp.maximum(old.largest_energy, jnp.maximum(jnp.abs(work), dissipated)),
@@ -195,7 +195,7 @@ def take_step(
     def with_loss(has_jumped: Flag) -> StepRecord:
         lost = jax.lax.cond(has_jumped, fall, lambda: jnp.zeros_like(dt))
         work = jnp.where(has_jumped, before.work + by_pressure, new.totals.work)
-        totals = replace(new.totals, work=work, lost=before.lost + lost)
+        totals = replace(new.totals, work=work, jump_dissipation=before.jump_dissipation + lost)
         # The rate of a jump says nothing of the next step.
         return replace(new, totals=totals, rate=jnp.where(lost > 0, 0, new.rate))
 
@@ -219,7 +219,7 @@ def errors_of_step(
 
     totals = new.totals
     change = jax.tree.map(jnp.subtract, totals, old.totals)
-    exchanged = (jnp.abs(change.work) + jnp.abs(change.stored) + change.dissipated) / 2
+    exchanged = (jnp.abs(change.work) + jnp.abs(change.stored) + change.viscous_dissipation) / 2
     pressing = contact.area * totals.mean_pressure * totals.mean_gap
     allowed = rtol * jnp.maximum(exchanged, _LEAST_EXCHANGE * new.largest_energy)
     allowed += rounding_of(totals.stored, pressing)

@@ -66,7 +66,7 @@ _NAMES = {
     "contact_area": "number of contact points over the number of all points",
     "datum": "height that heights count from",
     "dielectric": "thickness of the dielectric over its relative permittivity",
-    "dissipated": "energy dissipated in the solid",
+    "viscous_dissipation": "energy dissipated in the solid",
     "end": "end of the branch",
     "energies": "energy of the images and the load, above the start",
     "errors": "error of the barriers since the load before",
@@ -79,7 +79,7 @@ _NAMES = {
     "largest_tension": "largest tension at the end of any step",
     "length": "range",
     "loads": "mean pressure, positive in compression",
-    "lost": "energy lost in jumps",
+    "jump_dissipation": "energy lost in jumps",
     "mean_pressure": "mean pressure, positive in compression",
     "mode": "mode of unit norm",
     "num_applications": "applications of the Hessian",
@@ -101,7 +101,7 @@ _STATES = {"load": ("state",), "equilibrium": ("state",)}
 _OWN_AXES: Mapping[type, Mapping[str, tuple[str, ...]]] = {
     Path: {**_STATES, "jumps": ("jump",)},
     Branch: {**_STATES, "index": ("state",), "turns": ("turn",)},
-    Evolution: dict.fromkeys(OF_RUN, ()) | dict.fromkeys(("jump_times", "dissipation"), ("jump",)),
+    Evolution: dict.fromkeys(OF_RUN, ()) | dict.fromkeys(("jump_times", "jump_losses"), ("jump",)),
     Detachment: dict.fromkeys(("loads", "barriers", "errors"), ("load",)),
     Transition: {"minima": ("minimum",), "images": ("image",), "energies": ("image",)},
 }

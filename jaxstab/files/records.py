@@ -21,6 +21,7 @@ from jaxstab.core.closures import BareFunction
 from jaxstab.core.enumeration import Enumeration
 from jaxstab.core.grid import Mesh
 from jaxstab.core.history import History
+from jaxstab.core.renamed import new_name
 from jaxstab.core.units import Units, declared_dimensions
 
 # A structure is JSON, as Python objects.
@@ -212,6 +213,7 @@ def restore(structure: Structure, arrays: Mapping[str, np.ndarray]) -> PyTree:
 def _module(path: str, contents: dict[str, Structure], arrays: Mapping[str, np.ndarray]) -> PyTree:
     """Return a module of a class, which is neither imported nor called."""
     found = _class(path)
+    contents = {new_name(found, name): part for name, part in contents.items()}
     defaults = {field.name: field.default for field in fields(found)}
     # A file may be older than a field that has a default.
     absent = {name: default for name, default in defaults.items() if name not in contents}

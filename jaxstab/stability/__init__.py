@@ -4,7 +4,7 @@ from jaxstab.stability.assess import assess_stability
 from jaxstab.stability.barrier import Barrier
 from jaxstab.stability.eigenpair import Eigenpair, Minimum
 from jaxstab.stability.lowest_modes import lowest_modes
-from jaxstab.stability.perturb import release
+from jaxstab.stability.perturb import relax_along
 from jaxstab.stability.solvers.base import ConeSolver, SpaceSolver
 from jaxstab.stability.solvers.cone_lobpcg import ProjectedLOBPCG
 from jaxstab.stability.solvers.davidson import Davidson
@@ -23,5 +23,5 @@ __all__ = [
     "Stability",
     "assess_stability",
     "lowest_modes",
-    "release",
+    "relax_along",
 ]

@@ -15,7 +15,7 @@ from jaxstab.equilibrium.equilibrium import State, found_equilibrium
 from jaxstab.equilibrium.verify import verify
 
 
-def release(
+def relax_along(
     contact: Contact,
     equilibrium: State,
     mode: ArrayLike,
@@ -65,7 +65,7 @@ def release(
     require("The amplitude", t, jnp.isfinite(t), "it must be finite.")
     start = jnp.maximum(equilibrium.gap + t * x, 0)
     state = verify(contact, equilibrium)
-    start = throw_failure(state, start, lambda: "There is nothing to release", throw)
+    start = throw_failure(state, start, lambda: "There is nothing to relax", throw)
     released = equilibrate(contact, equilibrium.load, solver, initial=start, throw=throw)
     result = RESULTS.where(state == RESULTS.successful, released.result, state)
     return replace(released, result=result)

@@ -37,7 +37,7 @@ def warn_of_symmetry(contact: Contact, equilibrium: Equilibrium, stability: Stab
         warn(
             f"the state is unstable, and its mode breaks a symmetry of surface and gap: "
             f"{' and '.join(broken)}. A solver keeps the symmetry of its start, even in a saddle. "
-            "Go on along the mode, as by jaxstab.release(contact, equilibrium, "
+            "Go on along the mode, as by jaxstab.relax_along(contact, equilibrium, "
             "stability.critical.mode), or start from a gap without the symmetry.",
             SymmetryWarning,
         )

@@ -169,7 +169,7 @@ CONTACTS = {
     "equilibrate": lambda contact, load, state: js.equilibrate(contact, load),
     "assess_stability": lambda contact, load, state: js.assess_stability(contact, state),
     "lowest_modes": lambda contact, load, state: js.lowest_modes(contact, state, 2),
-    "release": lambda contact, load, state: js.release(contact, state, state.gap),
+    "release": lambda contact, load, state: js.relax_along(contact, state, state.gap),
     "sweep": lambda contact, load, state: js.sweep(contact, LOADS),
     "follow": lambda contact, load, state: js.follow(contact, LOADS),
     "continuation": lambda contact, load, state: js.continuation(contact, LOADS),

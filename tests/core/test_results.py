@@ -187,7 +187,7 @@ def test_what_takes_one_state_says_how_to_choose_it(sweep, contact):
         lambda: js.plots.mode_cut(contact, cone[3], sweep.equilibrium),
         lambda: js.plots.convergence(cone),
         lambda: js.assess_stability(contact, sweep.equilibrium),
-        lambda: js.release(contact, sweep, state.stability.cone.mode),
+        lambda: js.relax_along(contact, sweep, state.stability.cone.mode),
         lambda: js.lowest_modes(contact, sweep.equilibrium, 1),
     ]
     for refused in refusals:
@@ -206,7 +206,7 @@ def test_a_state_of_another_precision_is_refused(sweep, contact):
     for refused in (
         lambda: js.assess_stability(contact, state),
         lambda: js.lowest_modes(contact, state, 1),
-        lambda: js.release(single, sweep[3], sweep[3].stability.cone.mode),
+        lambda: js.relax_along(single, sweep[3], sweep[3].stability.cone.mode),
     ):
         with pytest.raises(ValueError, match=r"float(32|64).*in float(64|32): .* or start from it"):
             refused()

@@ -27,7 +27,12 @@ def differentiated(parameters, heights, other_ratio, values, rtol, weights):
         contact = viscoelastic(ratios, times, energy, heights=heights)
         options = {"rtol": rtol, "max_steps": 256, "fields": True, "throw": False}
         run = js.evolve(contact, js.MeanDisplacement(values), INSTANTS / speed, **options)
-        return (run.force + run.dissipated, run.reached, run.fields.gap[1, 3], jumps(run)), run
+        return (
+            run.force + run.viscous_dissipation,
+            run.reached,
+            run.fields.gap[1, 3],
+            jumps(run),
+        ), run
 
     found, push, run = jax.linearize(numbers, parameters, has_aux=True)
     forward = jax.vmap(push, out_axes=-1)(jnp.eye(4))
@@ -38,15 +43,15 @@ def differentiated(parameters, heights, other_ratio, values, rtol, weights):
 
 def jumps(run):
     """Return the largest tension, the loss, the last time of a jump, force and work behind it."""
-    last = jnp.max(jnp.where(run.dissipation > 0, run.jump_times, 0))
-    lost = jnp.sum(run.dissipation)
+    last = jnp.max(jnp.where(run.jump_losses > 0, run.jump_times, 0))
+    lost = jnp.sum(run.jump_losses)
     return jnp.stack([run.largest_tension, lost, last, run.force[8], run.work[8]])
 
 
 def test_derivatives_by_law_ratio_time_and_speed_are_those_of_differences():
     def pull(point):
         run, forward, reverse = differentiated(point, WAVE, 1.0, VALUES, ANY, jnp.eye(9)[6])
-        return (run.force + run.dissipated)[6], forward[0][6], reverse
+        return (run.force + run.viscous_dissipation)[6], forward[0][6], reverse
 
     _, forward, reverse = pull(POINT)
     assert reverse == pytest.approx(np.array(forward), rel=1e-8)
@@ -85,7 +90,7 @@ def test_derivatives_behind_jumps_are_those_of_differences():
         return differentiated(point, heights, 0.0, values, 1e-3, jnp.eye(9)[8])
 
     run, forward, reverse = pull(point)
-    assert jnp.sum(run.dissipation > 0) > 3
+    assert jnp.sum(run.jump_losses > 0) > 3
     assert reverse == pytest.approx(np.array(forward[0][8]), rel=1e-8)
     # Steps, chosen by a tolerance, change between the runs.
     for i, tolerance in ((0, 5e-3), (1, 2e-2)):
@@ -105,7 +110,7 @@ def test_derivatives_behind_two_releases_at_once_are_nan_in_both_modes(noise):
     heights = 0.1 * jnp.cos(2 * jnp.pi * places / 32) + noise * jnp.sin(places)
     values = jnp.linspace(0.07, 0.17, 9)
     run, forward, reverse = differentiated(point, heights, 0.0, values, 1e-3, jnp.eye(9)[8])
-    assert jnp.sum(run.dissipation > 0) > 0
+    assert jnp.sum(run.jump_losses > 0) > 0
     assert np.all(np.isnan(forward[3][2:])) and np.all(np.isnan(reverse))
 
 

@@ -69,7 +69,14 @@ def test_after_a_failure_there_are_no_numbers_and_it_goes_on_from_the_last_state
     assert found.result.name.tolist() == 2 * ["successful"] + 3 * ["pulled_off"]
     assert 1 < found.reached < 2
     assert "nan" in repr(found) and "+nan" not in repr(found)
-    for name in ("mean_gap", "mean_pressure", "contact_area", "work", "stored", "dissipated"):
+    for name in (
+        "mean_gap",
+        "mean_pressure",
+        "contact_area",
+        "work",
+        "stored",
+        "viscous_dissipation",
+    ):
         assert np.isnan(getattr(found, name)).tolist() == [False, False, True, True, True]
     assert np.all(np.isnan(found.fields.gap[2:]))
     assert np.isnan(js.growth_rate(found)) and np.isnan(js.growth_rate(found[-1]))

@@ -128,7 +128,7 @@ def test_an_entry_of_a_sweep_is_a_state_like_any_other(unloading, independent):
     stability = js.assess_stability(unloading, state)
     assert shapes(state.stability) == shapes(stability)
     assert independent.stability.verdict[9] == stability.verdict.name
-    back = js.release(unloading, state, state.stability.cone.mode)
+    back = js.relax_along(unloading, state, state.stability.cone.mode)
     np.testing.assert_allclose(back.gap, single.gap, atol=1e-7)
 
 

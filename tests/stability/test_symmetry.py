@@ -41,11 +41,11 @@ def repeated(heights):
 def test_a_state_that_its_symmetry_keeps_in_a_saddle_is_named_with_a_cure(surface, symmetry):
     contact, state = pressed(surface)
     with pytest.warns(
-        js.exceptions.SymmetryWarning, match=rf"mode breaks .*: {symmetry}\..*jaxstab\.release"
+        js.exceptions.SymmetryWarning, match=rf"mode breaks .*: {symmetry}\..*jaxstab\.relax_along"
     ):
         stability = js.assess_stability(contact, state)
     assert stability.verdict == js.VERDICTS.unstable
-    released = js.release(contact, state, stability.critical.mode)
+    released = js.relax_along(contact, state, stability.critical.mode)
     assert released.energy < state.energy - 1e-6
     with warnings.catch_warnings():
         warnings.simplefilter("error")

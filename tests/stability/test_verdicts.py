@@ -120,7 +120,7 @@ def test_a_push_takes_the_unstable_state_to_a_lower_energy(hertz, far_side, sign
     stable, saddle = far_side
     mode = js.assess_stability(hertz, saddle).critical.mode
     outwards = sign * jnp.sign(mode[16, 16]) * mode
-    released = js.release(hertz, saddle, outwards)
+    released = js.relax_along(hertz, saddle, outwards)
     assert released.energy < saddle.energy - 1e-5
     assert float(released.contact_area) == pytest.approx(0.0947 if sign < 0 else 0.0, abs=1e-3)
     if sign > 0:
@@ -133,7 +133,7 @@ def test_a_push_leaves_held_and_stable_states_where_they_were(hertz, displacemen
     stability = js.assess_stability(hertz, equilibrium)
     for pair in stability.pairs.values():
         for sign in (1, -1):
-            released = js.release(hertz, equilibrium, sign * pair.mode)
+            released = js.relax_along(hertz, equilibrium, sign * pair.mode)
             np.testing.assert_allclose(released.gap, equilibrium.gap, atol=1e-6)
 
 
@@ -142,25 +142,25 @@ def test_a_push_is_as_long_as_it_is_told(hertz, far_side):
     stable, _ = far_side
     mode = js.assess_stability(hertz, stable).critical.mode
     inwards = -jnp.sign(mode[16, 16]) * mode / jnp.abs(mode[16, 16])
-    assert js.release(hertz, stable, inwards, amplitude=0.1).contact_area == 0
-    assert js.release(hertz, stable, inwards, amplitude=0.5).contact_area > 0
+    assert js.relax_along(hertz, stable, inwards, amplitude=0.1).contact_area == 0
+    assert js.relax_along(hertz, stable, inwards, amplitude=0.5).contact_area > 0
 
 
 def test_release_refuses_what_is_no_mode(hertz, far_side):
     stable, _ = far_side
     with pytest.raises(ValueError, match=r"mode has shape \(3,\)"):
-        js.release(hertz, stable, jnp.ones(3))
+        js.relax_along(hertz, stable, jnp.ones(3))
     with pytest.raises(ValueError, match=r"The mode is nan at \(0, 0\)"):
-        js.release(hertz, stable, jnp.full((32, 32), jnp.nan))
+        js.relax_along(hertz, stable, jnp.full((32, 32), jnp.nan))
     with pytest.raises(ValueError, match="amplitude is nan"):
-        js.release(hertz, stable, jnp.ones((32, 32)), amplitude=jnp.nan)
+        js.relax_along(hertz, stable, jnp.ones((32, 32)), amplitude=jnp.nan)
     with pytest.raises(ValueError, match=r"amplitude has shape \(32,\): give one number"):
-        js.release(hertz, stable, jnp.ones((32, 32)), amplitude=jnp.ones(32))
+        js.relax_along(hertz, stable, jnp.ones((32, 32)), amplitude=jnp.ones(32))
     failed = js.equilibrate(hertz, js.MeanGap(-1.0), throw=False)
     with pytest.raises(ValueError, match=r"state was not found \(infeasible_load\)"):
-        js.release(hertz, failed, jnp.ones((32, 32)))
+        js.relax_along(hertz, failed, jnp.ones((32, 32)))
     with pytest.raises(ValueError, match="largest component of the mode is 0"):
-        js.release(hertz, stable, jnp.zeros((32, 32)))
+        js.relax_along(hertz, stable, jnp.zeros((32, 32)))
 
 
 def test_a_saddle_of_a_symmetric_start_is_called_unstable():
@@ -174,7 +174,7 @@ def test_a_saddle_of_a_symmetric_start_is_called_unstable():
     stability = js.assess_stability(contact, equilibrium)
     assert stability.cone.eigenvalue == pytest.approx(-4.5512, abs=5e-4)
     assert stability.verdict == js.VERDICTS.unstable
-    released = js.release(contact, equilibrium, stability.critical.mode, amplitude=1e-2)
+    released = js.relax_along(contact, equilibrium, stability.critical.mode, amplitude=1e-2)
     assert released.energy < equilibrium.energy - 1e-9
     assert js.assess_stability(contact, released).verdict == js.VERDICTS.held_by_contact
 
@@ -335,7 +335,7 @@ def test_a_state_of_another_contact_is_refused(hertz):
     message = "other_contact: the state is not an equilibrium of this contact"
     for use in (
         lambda: js.assess_stability(other, state),
-        lambda: js.release(other, state, jnp.ones((32, 32))),
+        lambda: js.relax_along(other, state, jnp.ones((32, 32))),
         lambda: js.lowest_modes(other, state, 1),
     ):
         with pytest.raises(js.exceptions.SolverError, match=message):
