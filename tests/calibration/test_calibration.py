@@ -54,7 +54,11 @@ def test_errors_are_those_of_linear_least_squares_also_of_loads_that_tell_nothin
 
 @pytest.fixture(scope="module")
 def exact_fit(start, exact):
-    return js.calibrate(start, LOAD, exact)
+    with compilations() as compiled:
+        fit = js.calibrate(start, LOAD, exact)
+    # The curve and the area, beside three for the resolution of the contact: a search is NumPy's.
+    assert compiled.count("jit(curve)") == 1 and len(compiled) <= 5
+    return fit
 
 
 @pytest.mark.parametrize(
