@@ -44,7 +44,8 @@ class ForceCurveFit:
             of `curve` [m].
         errors: standard errors by the same names.
         result: a member of `jaxstab.RESULTS`: `misfit` if the model does not describe the curve.
-        misfit: the rms deviation of forces in contact from the model [N].
+        misfit: the rms deviation of forces from the model, in contact or, where it is larger, in
+            the attraction before contact [N].
         noise: the standard deviation of forces where none acts [N].
         curve: the corrected curve that is fitted, in its own units.
         segment: "approach" or "retraction".

@@ -17,26 +17,33 @@ from jaxstab.lab.tips import FlatPunch, Tip
 
 Part = Literal["approach", "retraction"]
 
-# Means over so many steps of the height in contact, and where no force acts.
+# Means over so many steps of the height in contact, and where no force acts. Steps are this part
+# of the travel in contact at the contact point, and grow in proportion to the distance from there.
 _NEAR, _FAR = 150, 30
-# A step of the force is a jump if it exceeds the noise so many times, and the steps of so many
-# points beside it so many times.
-_JUMP, _STEEPER, _BESIDE = 8.0, 5.0, 21
-# An attraction that exceeds its error so many times is fitted, and kept if the sum of squares falls
-# by this much, in units of its scatter.
-_ATTRACTION, _GAIN = 4.0, 20.0
-# Ranges from which a fit starts, over Tabor's length (w / E*)^(2/3) R^(1/3), and the bounds.
-_STARTS = (0.1, 0.5, 2.0, 8.0)
+_FINEST = 0.02
+# A step of the force is a jump if it exceeds the noise so many times, and by so many times what the
+# steps of so many points beside it exceed the noise by.
+_JUMP, _STEEPER, _BESIDE = 6.0, 5.0, 21
+# An attraction is fitted if means over so many points exceed so many times those where no force
+# acts, and kept if the sum of squares falls by this much, in units of its scatter.
+_BLOCKS, _ATTRACTION, _GAIN = (1, 4, 16, 64), 4.0, 14.0
+# So many blocks tell how means scatter.
+_FEWEST_BLOCKS = 8
+# Bounds of the range over Tabor's length (w / E*)^(2/3) R^(1/3), and the numbers of ranges in
+# between at which the others are fitted, and from which a search begins. Ranges are left out beyond
+# one whose half sum of squares is so much larger.
 _RANGES = 1e-3, 300.0
+_TRIED, _STARTS = 19, 9
+_MUCH_WORSE = 50.0
 # An attraction acts over no less than the distance of atoms [m].
 _ATOM = 1e-10
 # The pull-off is between 1.5 and 2 times pi w R.
 _PULL_OFF = 1.7
 # The steps of finite differences; evaluations of a first and of a last fit.
-_DIFFERENCE = 1e-4
-_FIRST, _LAST = 15, 40
-# A modulus is within this factor of the start, and a contact point this part of the travel above
-# the deepest point.
+_DIFFERENCE = 3e-4
+_FIRST, _LAST = 30, 60
+# Modulus and work are within this factor of the start, and a contact point this part of the travel
+# above the deepest point.
 _FAR_OFF = 100.0
 _NO_DRIFT = 1e-6
 _NEXT_TO = 1e-3
@@ -45,18 +52,17 @@ _CONTACTS = 120
 # Autocorrelations are summed up to a lag of so many correlation lengths (A. Sokal).
 _WINDOW = 5
 # The model does not describe a curve whose misfit in contact is so many times the noise, and this
-# part of the force that the indentation makes.
-_MISFIT, _SEEN = 3.0, 0.02
-# Steps of the logarithm of the range that are tried for its error, and the number of them. Their
-# sums of squares are right within this part.
-_STEPS, _TRIED = (0.01, 1.0), 12
-_ROUGH, _FINE = 1e-4, 1e-6
-# So many standard errors of the range are measured.
-_ERRORS = 2.0
-# A better fit has half a sum of squares that is lower by this much; so many times it is sought.
-_BETTER, _SEARCHES = 0.5, 3
+# part of the force that the indentation makes; before contact it is so many times the noise, and
+# this part of the largest attraction.
+_MISFIT, _SEEN, _SEEN_BEFORE = 3.0, 0.02, 0.1
+# A sum of squares is right within this part, as a first and as a last one.
+_ROUGH, _FINE = 1e-4, 1e-9
+# Errors are measured at so many standard errors.
+_ERRORS = 2.0, 3.0
 # A start is inside of its bounds by this much.
 _INNER = 1e-9
+# The narrowest interval of a mean, over the length of the path.
+_NARROWEST = 1e-5
 # Which numbers are fitted: all, all but the range, and modulus and contact point.
 _ALL, _BUT_RANGE, _MECHANICS = slice(None), slice(-1), slice(2)
 # Errors of the bins follow from so many fits.
@@ -120,14 +126,50 @@ def fit_curve(
     if curve.correction is None:
         curve = curve.corrected()
     data = _Data.of(curve.in_units("m", "N"), segment)
-    model, found = _without_adhesion(data, tip)
-    ranges = None
+    fit = _without_adhesion(data, tip)
     if _attracts(data) and not (segment == "approach" and isinstance(tip, FlatPunch)):
-        sticky, other, bounds = _with_adhesion(data, tip)
-        bare = model.with_errors(sticky.errors).fit(found.x, _ALL, _LAST)
-        if 2 * (bare.cost - other.cost) > _GAIN:
-            model, found, ranges = sticky, other, bounds
-    return _finished(curve, model, found, ranges, poisson_ratio, segment)
+        fit = _better(fit, _with_adhesion(data, tip))
+    return _finished(curve, fit, poisson_ratio, segment)
+
+
+class _Jump(NamedTuple):
+    """A jump into contact or out of it.
+
+    Attributes:
+        height: where the tip jumps [m].
+        error: its standard error, by the distance of points [m].
+        force: half way through the jump [N].
+        clock: of the point before it.
+    """
+
+    height: float
+    error: float
+    force: float
+    clock: float
+
+    @classmethod
+    def of(
+        cls, height: np.ndarray, force: np.ndarray, clock: np.ndarray, is_jump: np.ndarray
+    ) -> _Jump | None:
+        """Return the largest jump to attraction, seen from the far end.
+
+        Arguments:
+            height, force, clock: of points from the far end on.
+            is_jump: at which points the force has jumped.
+        """
+        steps = np.diff(force, prepend=force[0])
+        place = int(np.argmin(np.where(is_jump & (force < 0), steps, 0.0)))
+        if place == 0:
+            return None
+        first = last = place
+        while steps[first - 1] < 0:
+            first -= 1
+        while last + 1 < len(steps) and steps[last + 1] < 0:
+            last += 1
+        ends = height[first - 1], height[last]
+        middle = float(force[first - 1] + force[last]) / 2
+        error = float(np.ptp(ends)) / np.sqrt(12)
+        return cls(float(np.mean(ends)), error, middle, float(clock[first - 1]))
 
 
 class _Data(NamedTuple):
@@ -140,6 +182,7 @@ class _Data(NamedTuple):
         errors: standard errors of the forces of bins, by white noise.
         is_near: which bins lie beyond the baseline.
         has_jump: which bins the tip jumps in.
+        jump: into contact or out of it, None if the tip does neither.
         noise: the standard deviation of a force.
         stiffness: the spring constant.
         is_approach: whether the branch is followed towards contact.
@@ -157,6 +200,7 @@ class _Data(NamedTuple):
     errors: np.ndarray
     is_near: np.ndarray
     has_jump: np.ndarray
+    jump: _Jump | None
     noise: float
     stiffness: float
     is_approach: bool
@@ -189,7 +233,10 @@ class _Data(NamedTuple):
         group = np.empty(count, int)
         group[:far] = np.arange(far) * min(_FAR, far) // far
         top = height[far]
-        part = (top - height[far:]) / (top - height[far:].min() or 1.0)
+        bottom = height[far:].min()
+        # The contact point of a corrected curve is at zero.
+        warped = np.arcsinh(np.array([*height[far:], bottom, top]) / (_FINEST * (top - bottom)))
+        part = (warped[-1] - warped[:-2]) / (warped[-1] - warped[-2] or 1.0)
         group[far:] = _FAR + np.clip(part * _NEAR, 0, _NEAR - 1).astype(int)
         places, group, number = np.unique(group, return_inverse=True, return_counts=True)
         heights, forces, clocks = (
@@ -198,7 +245,8 @@ class _Data(NamedTuple):
         spread = np.bincount(group, (height - heights[group]) ** 2) / number
         noise = line.noise
         step = np.abs(np.diff(force, prepend=force[0]))
-        is_jump = step > _JUMP * noise + _STEEPER * median_filter(step, _BESIDE)
+        steep = np.maximum(median_filter(step, _BESIDE) - noise, 0.0)
+        is_jump = step > _JUMP * noise + _STEEPER * steep
         # A jump is at one of two points, which may be of two bins.
         before = np.roll(group, 1)
         is_parted = is_jump & (before != group)
@@ -220,6 +268,7 @@ class _Data(NamedTuple):
             np.sqrt(variance),
             places >= _FAR,
             jumps > 0,
+            _Jump.of(height, force, clock, is_jump & (np.arange(count) >= far)),
             noise,
             curve.spring_constant,
             name == "approach",
@@ -241,7 +290,7 @@ class _Model:
 
     def __init__(self, data: _Data, tip: Tip | FlatPunch, is_sticky: bool):
         self.data = data
-        self.errors = data.errors
+        self.scatter = np.ones(len(data.forces))
         self.tip = tip
         self.is_sticky = is_sticky
         depth = float(np.ptp(data.tips[data.is_near]))
@@ -255,11 +304,30 @@ class _Model:
             self.count = 6 if isinstance(tip, FlatPunch) else 7
         self.units = self.units[: self.count]
 
-    def with_errors(self, errors: np.ndarray) -> _Model:
-        """Return the model with other errors of the bins."""
+    @property
+    def is_logarithm(self) -> np.ndarray:
+        """Which numbers are logarithms."""
+        return np.isin(np.arange(self.count), (0, 5, 6))
+
+    def values(self, x: np.ndarray) -> np.ndarray:
+        """Return the numbers in SI units, and no logarithms."""
+        numbers = x * self.units
+        return np.where(self.is_logarithm, np.exp(np.where(self.is_logarithm, numbers, 0)), numbers)
+
+    def slopes(self, x: np.ndarray) -> np.ndarray:
+        """Return the derivatives of the values by the numbers in their units."""
+        return np.where(self.is_logarithm, self.values(x), 1.0)
+
+    def with_scatter(self, scatter: np.ndarray) -> _Model:
+        """Return the model with other variances of bins, over the variances by white noise."""
         other = copy(self)
-        other.errors = errors
+        other.scatter = scatter
         return other
+
+    @property
+    def errors(self) -> np.ndarray:
+        """The errors of bins [N]."""
+        return self.data.errors * np.sqrt(self.scatter)
 
     def branch(self, numbers: np.ndarray) -> dugdale.Branch:
         """Return the equilibria at numbers in their units."""
@@ -277,47 +345,105 @@ class _Model:
     ) -> np.ndarray:
         """Return the mean force over each interval of heights."""
         numbers = x * self.units
+        return self._on_path(numbers, *self._path(numbers), heights, widths, clocks)
+
+    def _on_path(
+        self,
+        numbers: np.ndarray,
+        path: np.ndarray,
+        force: np.ndarray,
+        heights: np.ndarray,
+        widths: np.ndarray,
+        clocks: np.ndarray,
+    ) -> np.ndarray:
+        below = heights - numbers[4] * clocks
+        found = _means(path, force, below - widths / 2, below + widths / 2)
+        middle = self.data.heights.mean()
+        return found + numbers[2] + numbers[3] * (heights - middle)
+
+    def _path(self, numbers: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return ascending heights of the far end and forces on the way of the measurement."""
         branch = self.branch(numbers)
-        data = self.data
-        path = numbers[1] - branch.indentation - branch.force / data.stiffness
+        path = numbers[1] - branch.indentation - branch.force / self.data.stiffness
         force = branch.force
         # The state jumps at a limit of the height.
-        if data.is_approach:
+        if self.data.is_approach:
             path, force = np.minimum.accumulate(path)[::-1], force[::-1]
         else:
             path, force = np.maximum.accumulate(path[::-1]), force[::-1]
-        path, force = np.append(path, path[-1]), np.append(force, 0.0)
-        below = heights - numbers[4] * clocks
-        found = _means(path, force, below - widths / 2, below + widths / 2)
-        middle = data.heights.mean()
-        return found + numbers[2] + numbers[3] * (heights - middle)
+        return np.append(path, path[-1]), np.append(force, 0.0)
 
     def residuals(self, x: np.ndarray) -> np.ndarray:
-        """Return the misfit of bins over their errors, and of the drift over its own."""
+        """Return the misfit of bins, of the drift and of the height of a jump over their errors.
+
+        A jump at another height changes the forces of bins there by all of it, or not at all, which
+        tells a search nothing: its height is compared itself.
+        """
+        numbers = x * self.units
+        return self._compared(numbers, *self._path(numbers))
+
+    def _compared(self, numbers: np.ndarray, path: np.ndarray, force: np.ndarray) -> np.ndarray:
         data = self.data
-        found = self.forces(x, data.heights, data.widths, data.clocks)
-        return np.append((found - data.forces) / self.errors, x[4])
+        found = self._on_path(numbers, path, force, data.heights, data.widths, data.clocks)
+        residuals = np.append((found - data.forces) / self.errors, numbers[4] / self.units[4])
+        if data.jump is None or not self.is_sticky:
+            return residuals
+        # The outermost height at which the model has the force of the jump.
+        level = max(data.jump.force, force.min() / 2)
+        height = path[-1]
+        below = np.flatnonzero(force < level)
+        if below.size:
+            pair = slice(below[-1], below[-1] + 2)
+            height = np.interp(level, force[pair], path[pair])
+        height += numbers[4] * data.jump.clock
+        error = data.jump.error * np.sqrt(self.scatter.max())
+        return np.append(residuals, (height - data.jump.height) / error)
 
     def jacobian(self, x: np.ndarray, free: slice = _ALL) -> np.ndarray:
         """Return the derivatives of the residuals, by differences where they are not straight."""
         data = self.data
-        start = self.residuals(x)
+        numbers = x * self.units
+        path, force = self._path(numbers)
+        start = self._compared(numbers, path, force)
         columns = np.zeros((len(start), self.count))
-        columns[:-1, 2] = self.units[2] / self.errors
-        columns[:-1, 3] = self.units[3] * (data.heights - data.heights.mean()) / self.errors
-        for number in {*range(self.count)[free]} - {2, 3}:
+        bins = slice(len(data.forces))
+        # The contact point moves the path, the drift by the part that has passed of the time.
+        shift = _DIFFERENCE * self.units[1]
+        columns[:, 1] = (self._compared(numbers, path + shift, force) - start) / _DIFFERENCE
+        columns[bins, 2] = self.units[2] / self.errors
+        columns[bins, 3] = self.units[3] * (data.heights - data.heights.mean()) / self.errors
+        clocks = np.append(data.clocks, [0.0, data.jump.clock if data.jump else 0.0])
+        columns[:, 4] = columns[:, 1] * clocks[: len(start)] * self.units[4] / self.units[1]
+        columns[len(data.forces), 4] = 1.0
+        for number in {*range(self.count)[free]} & {0, 5, 6}:
             moved = x.copy()
             moved[number] += _DIFFERENCE
             columns[:, number] = (self.residuals(moved) - start) / _DIFFERENCE
         return columns
 
+    def variances(self, x: np.ndarray, free: slice = _ALL) -> np.ndarray:
+        """Return the variances of free numbers, zero of the others.
+
+        A jump is at one height: the bins beside it, whose forces it changes in steps, tell nothing
+        by their derivatives.
+        """
+        data = self.data
+        jacobian = self.jacobian(x, free)[:, free]
+        beside = np.convolve(data.has_jump, np.ones(3), "same") > 0
+        jacobian[: len(beside)][beside] = 0.0
+        variances = np.zeros(self.count)
+        variances[free] = np.diag(_inverse(jacobian))
+        return variances
+
     def fit(
         self, x: np.ndarray, free: slice, most: int, ranges: tuple[float, float] | None = None
     ) -> OptimizeResult:
-        """Return the least squares over free numbers, from a modulus right within a factor."""
+        """Return the least squares over free numbers, modulus and work being right in order."""
         data = self.data
         lowest, highest = np.full(self.count, -np.inf), np.full(self.count, np.inf)
-        lowest[0], highest[0] = x[0] - np.log(_FAR_OFF), x[0] + np.log(_FAR_OFF)
+        mechanics = [0, 5] if self.is_sticky else [0]
+        lowest[mechanics] = x[mechanics] - np.log(_FAR_OFF)
+        highest[mechanics] = x[mechanics] + np.log(_FAR_OFF)
         # The contact point is a place of the tip.
         span = float(np.ptp(data.tips))
         lowest[1] = (data.tips.min() + _NEXT_TO * span) / self.units[1]
@@ -361,7 +487,8 @@ def _means(path: np.ndarray, force: np.ndarray, low: np.ndarray, high: np.ndarra
         )
         return areas[place] + away * (force[place] + slope * away / 2)
 
-    wide = np.maximum(high - low, 1e-9 * np.ptp(path))
+    # Rounding of areas blurs the mean over a narrower interval.
+    wide = np.maximum(high - low, _NARROWEST * np.ptp(path))
     middle = (low + high) / 2
     return (area(middle + wide / 2) - area(middle - wide / 2)) / wide
 
@@ -378,12 +505,18 @@ def _noise_of_heights(height: np.ndarray, clock: np.ndarray) -> float:
 
 
 def _attracts(data: _Data) -> bool:
-    """Whether the mean force of some bin in contact is negative beyond its error."""
-    far = data.forces[~data.is_near]
-    number = np.bincount(data.group)
-    correlated = np.std(far) if len(far) > 3 else 0.0
-    errors = np.hypot(data.noise / np.sqrt(number), correlated)
-    return bool(np.any((data.forces < -_ATTRACTION * errors)[data.is_near]))
+    """Whether the mean force over some points in contact is negative beyond its error."""
+    is_far = ~data.is_near[data.group]
+    for size in _BLOCKS:
+        if is_far.sum() < _FEWEST_BLOCKS * size or (~is_far).sum() < size:
+            break
+        far, near = (
+            np.convolve(data.force[part], np.full(size, 1 / size), "valid")
+            for part in (is_far, ~is_far)
+        )
+        if near.min() < -_ATTRACTION * np.std(far):
+            return True
+    return False
 
 
 def _start(data: _Data, tip: Tip | FlatPunch, attraction: float) -> tuple[float, float]:
@@ -408,12 +541,46 @@ def _start(data: _Data, tip: Tip | FlatPunch, attraction: float) -> tuple[float,
     return best[1], best[2]
 
 
-def _without_adhesion(data: _Data, tip: Tip | FlatPunch) -> tuple[_Model, OptimizeResult]:
+class _Fit(NamedTuple):
+    """A fit of the numbers of a model.
+
+    Attributes:
+        model: with the errors of bins that the fit shows.
+        found: the numbers.
+        errors: of the numbers in SI units, not of logarithms.
+    """
+
+    model: _Model
+    found: OptimizeResult
+    errors: np.ndarray
+
+    @classmethod
+    def straight(cls, model: _Model, found: OptimizeResult) -> _Fit:
+        """Return the fit with the errors of a model that is straight near it."""
+        errors = np.sqrt(model.variances(found.x)) * model.units
+        return cls(model, found, errors * model.slopes(found.x))
+
+
+def _better(bare: _Fit, sticky: _Fit) -> _Fit:
+    """Return the fit with adhesion if the curve needs it, otherwise the fit without.
+
+    Adhesion that does not show still moves modulus and contact point, by as much as the fits
+    differ.
+    """
+    other = bare.model.with_scatter(sticky.model.scatter).fit(bare.found.x, _ALL, _LAST)
+    if 2 * (other.cost - sticky.found.cost) > _GAIN:
+        return sticky
+    moved = sticky.model.values(sticky.found.x)[: bare.model.count]
+    moved = moved - bare.model.values(bare.found.x)
+    return bare._replace(errors=np.hypot(bare.errors, moved))
+
+
+def _without_adhesion(data: _Data, tip: Tip | FlatPunch) -> _Fit:
     """Return the fit without adhesion, with the errors of bins that it shows."""
     model = _Model(data, tip, False)
     modulus, contact = _start(data, tip, 0.0)
     start = np.array([np.log(modulus), contact, 0.0, 0.0, 0.0]) / model.units
-    return _weighted(model, model.fit(start, _MECHANICS, _LAST))
+    return _Fit.straight(*_weighted(model, model.fit(start, _MECHANICS, _LAST)))
 
 
 def _weighted(
@@ -421,15 +588,13 @@ def _weighted(
 ) -> tuple[_Model, OptimizeResult]:
     """Return fits of all numbers with the errors of bins that the fits before show."""
     for _ in range(_WEIGHINGS):
-        model = model.with_errors(model.data.errors * np.sqrt(_scatter(model, found)))
+        model = model.with_scatter(_scatter(model, found))
         found = model.fit(found.x, _ALL, _LAST, ranges)
     return model, found
 
 
-def _with_adhesion(
-    data: _Data, tip: Tip | FlatPunch
-) -> tuple[_Model, OptimizeResult, tuple[float, float] | None]:
-    """Return the best of the fits that start from some ranges, and the bounds of the range."""
+def _with_adhesion(data: _Data, tip: Tip | FlatPunch) -> _Fit:
+    """Return the best of the fits at all ranges, with the errors that these show."""
     model = _Model(data, tip, True)
     attraction = -float(data.forces[data.is_near].min())
     modulus, contact = _start(data, tip, attraction)
@@ -437,7 +602,7 @@ def _with_adhesion(
     if isinstance(tip, FlatPunch):
         work = attraction**2 / (8 * np.pi * modulus * tip.radius**3)
         start = np.array([np.log(modulus), *zeros, np.log(work)])
-        return *_weighted(model, model.fit(start / model.units, _ALL, _LAST)), None
+        return _Fit.straight(*_weighted(model, model.fit(start / model.units, _ALL, _LAST)))
     # The curvature of the tip where it takes as much force as the attraction.
     branch = dugdale.without_adhesion(tip, modulus, float(np.ptp(data.tips)), 0.0)
     depth = np.interp(attraction, branch.force, branch.indentation)
@@ -446,15 +611,90 @@ def _with_adhesion(
     work = attraction / (_PULL_OFF * np.pi * radius)
     length = (work / modulus) ** (2 / 3) * radius ** (1 / 3)
     lowest = max(_RANGES[0] * length, _ATOM)
-    bounds = lowest, max(_RANGES[1] * length, 2 * lowest)
-    found = []
-    for start in _STARTS:
-        numbers = [np.log(modulus), *zeros, np.log(work), np.log(start * length)]
-        found.append(model.fit(np.array(numbers) / model.units, _ALL, _FIRST, bounds))
+    ranges = lowest, max(_RANGES[1] * length, 2 * lowest)
+    lengths = np.linspace(np.log(ranges[0]), np.log(ranges[1]), _TRIED)
+    numbers = [np.log(modulus), *zeros, np.log(work)]
+    found = [
+        model.fit(np.append(numbers, start) / model.units, _ALL, _FIRST, ranges)
+        for start in lengths[:: _TRIED // _STARTS]
+    ]
     best = min(found, key=lambda one: one.cost)
     # Errors of bins would hide a fit that has not ended.
-    best = model.fit(best.x, _ALL, _LAST, bounds)
-    return *_weighted(model, best, bounds), bounds
+    model, best = _weighted(model, model.fit(best.x, _ALL, _LAST, ranges), ranges)
+    profile = _profile(model, best, lengths)
+    # There may be other minima, of other works and moduli at the same range.
+    profile += [
+        model.fit(one.x, _ALL, _FIRST, ranges)
+        for one in found
+        if one.cost < min(other.cost for other in found) + _MUCH_WORSE
+    ]
+    least = min(profile, key=lambda one: one.cost)
+    if least.cost < best.cost:
+        model, best = _weighted(model, model.fit(least.x, _ALL, _LAST, ranges), ranges)
+        minima = [model.fit(one.x, _ALL, _FIRST, ranges) for one in profile]
+        profile = _profile(model, best, lengths) + minima
+    return _with_errors(model, best, profile, ranges)
+
+
+def _profile(model: _Model, best: OptimizeResult, lengths: np.ndarray) -> list[OptimizeResult]:
+    """Return the fits of all other numbers at logarithms of the range, from the best one outwards.
+
+    On either side it ends where a fit is much worse.
+    """
+    found = []
+    for side in (lengths[lengths > best.x[-1]], lengths[lengths <= best.x[-1]][::-1]):
+        x = best.x
+        for length in side:
+            fit = model.fit(np.append(x[:-1], length), _BUT_RANGE, _FIRST)
+            found.append(fit)
+            x = fit.x
+            if fit.cost > best.cost + _MUCH_WORSE:
+                break
+    return found
+
+
+def _with_errors(
+    model: _Model,
+    best: OptimizeResult,
+    profile: list[OptimizeResult],
+    ranges: tuple[float, float],
+) -> _Fit:
+    """Return a fit with its variances, by fits of the others at longer and shorter ranges.
+
+    The misfit is no parabola over the range: one that is short beside the deformation hardly
+    changes the curve. Two standard errors reach to where the sum of squares has grown by four, and
+    three to where it has grown by nine, on the farther side, or as far as derivatives tell.
+    """
+    step = min(float(np.sqrt(model.variances(best.x)[-1])), 1.0)
+    middle = best.x[-1]
+    for away in (*_ERRORS, *(-one for one in _ERRORS)):
+        length = np.clip(middle + away * step, *np.log(ranges))
+        found = model.fit(np.append(best.x[:-1], length), _BUT_RANGE, _FIRST)
+        profile = [*profile, found]
+        if found.cost < best.cost:
+            best = OptimizeResult(best, x=found.x, cost=found.cost)
+    profile = sorted([*profile, best], key=lambda one: one.x[-1])
+    # The distance in standard errors.
+    away = np.array([np.sqrt(2 * max(one.cost - best.cost, 0.0)) for one in profile])
+    value = model.values(best.x)
+    along = []
+    for errors in _ERRORS:
+        inside = np.flatnonzero(away <= errors)
+        along += [np.abs(model.values(profile[one].x) - value) / errors for one in inside]
+        for last, beyond in ((inside[0], inside[0] - 1), (inside[-1], inside[-1] + 1)):
+            side = profile[last].x
+            if 0 <= beyond < len(profile):
+                part = (errors - away[last]) / (away[beyond] - away[last])
+                side = side + part * (profile[beyond].x - side)
+            along.append(np.abs(model.values(side) - value) / errors)
+    slopes = model.units * model.slopes(best.x)
+    # Far from the fit derivatives tell nothing of logarithms.
+    most = np.where(model.is_logarithm, 1.0, np.inf)
+    straight, across = (
+        np.minimum(np.sqrt(model.variances(best.x, free)), most) * slopes
+        for free in (_ALL, _BUT_RANGE)
+    )
+    return _Fit(model, best, np.maximum(straight, np.hypot(across, np.max(along, axis=0))))
 
 
 def _scatter(model: _Model, found: OptimizeResult) -> np.ndarray:
@@ -480,6 +720,11 @@ def _misfit(model: _Model, x: np.ndarray) -> np.ndarray:
     return np.where(data.has_jump[data.group], 0.0, data.force - found)
 
 
+def _rms(values: np.ndarray) -> float:
+    """Return the root mean square, NaN of nothing."""
+    return float(np.sqrt(np.mean(values**2))) if values.size else np.nan
+
+
 def _long_variance(values: np.ndarray, freedom: int) -> float:
     """Return the variance of the mean of many values, times their number."""
     count = len(values)
@@ -499,26 +744,20 @@ def _long_variance(values: np.ndarray, freedom: int) -> float:
 
 def _finished(
     curve: js.lab.force_curves.ForceCurve,
-    model: _Model,
-    found: OptimizeResult,
-    ranges: tuple[float, float] | None,
+    fit: _Fit,
     poisson_ratio: float,
     segment: Part,
 ) -> ForceCurveFit:
+    model, found, errors = fit
     data = model.data
-    length = length_error = np.nan
-    if ranges is None:
-        variances = np.diag(_inverse(model.jacobian(found.x)))
-    else:
-        model, found, variances, length_error = _searched(model, found, ranges)
-        length = float(np.exp(found.x[-1]))
-    errors = np.sqrt(variances) * model.units
-    numbers = found.x * model.units
-    modulus = float(np.exp(numbers[0])) * (1 - poisson_ratio**2)
+    values = model.values(found.x)
+    per_plane = 1 - poisson_ratio**2
     work, work_error = 0.0, np.nan
     if model.is_sticky:
-        work = float(np.exp(numbers[5]))
-        work_error = work * float(errors[5])
+        work, work_error = float(values[5]), float(errors[5])
+    length = length_error = np.nan
+    if model.count == 7:
+        length, length_error = float(values[6]), float(errors[6])
     points = getattr(curve.in_units("m", "N"), segment)
     forces = model.forces(found.x, data.height, np.zeros(len(data.height)), data.clock)
     if points.height[points.is_present][0] < points.height[points.is_present][-1]:
@@ -528,24 +767,31 @@ def _finished(
     own = js.lab.force_curves.ForceCurve(js.lab.force_curves.Segment(fitted, points.height), None)
     own = own.in_units(curve.unit, curve.force_unit).approach
     assert own is not None
-    inside = _misfit(model, found.x)[data.height + data.force / data.stiffness < numbers[1]]
-    rms = float(np.sqrt(np.mean(inside**2))) if inside.size else np.nan
+    misfit = _misfit(model, found.x)
+    is_inside = data.height + data.force / data.stiffness < values[1]
+    rms = _rms(misfit[is_inside])
     # On a stiff sample the force is hardly more than that on a rigid one, which tells nothing.
     bending = data.force.max() / data.stiffness
-    depth = float(numbers[1] - data.tips.min())
+    depth = float(values[1] - data.tips.min())
     told = float(data.force.max()) * depth / (depth + bending)
+    is_described = rms <= max(_MISFIT * data.noise, _SEEN * told)
+    if model.is_sticky:
+        outside = _rms(misfit[data.is_near[data.group] & ~is_inside])
+        attraction = -float(np.min(forces))
+        is_described &= not outside > max(_MISFIT * data.noise, _SEEN_BEFORE * attraction)
+        rms = float(np.fmax(rms, outside))
     result = js.RESULTS.successful
     if found.status == 0:
         result = js.RESULTS.max_steps_reached
-    elif not rms <= max(_MISFIT * data.noise, _SEEN * told):
+    elif not is_described:
         result = js.RESULTS.misfit
-    fit = ForceCurveFit(
-        youngs_modulus=modulus,
+    finished = ForceCurveFit(
+        youngs_modulus=float(values[0]) * per_plane,
         work_of_adhesion=work,
         range=length,
-        contact_point=float(numbers[1]),
+        contact_point=float(values[1]),
         errors=FitErrors(
-            youngs_modulus=modulus * float(errors[0]),
+            youngs_modulus=float(errors[0]) * per_plane,
             work_of_adhesion=work_error,
             range=length_error,
             contact_point=float(errors[1]),
@@ -561,8 +807,8 @@ def _finished(
     )
     if result != js.RESULTS.successful:
         numbers = f"the misfit is {rms / data.noise:.2g} times the noise"
-        warnings.warn(f"{fit.status}: {numbers}.", js.exceptions.FitWarning, stacklevel=3)
-    return fit
+        warnings.warn(f"{finished.status}: {numbers}.", js.exceptions.FitWarning, stacklevel=3)
+    return finished
 
 
 def _inverse(jacobian: np.ndarray) -> np.ndarray:
@@ -571,72 +817,3 @@ def _inverse(jacobian: np.ndarray) -> np.ndarray:
     size[size == 0] = 1.0
     scaled = jacobian / size
     return np.linalg.pinv(scaled.T @ scaled) / np.outer(size, size)
-
-
-def _searched(
-    model: _Model, found: OptimizeResult, ranges: tuple[float, float]
-) -> tuple[_Model, OptimizeResult, np.ndarray, float]:
-    """Return the fit from which none at other ranges is better, its variances and range error."""
-    profile = _profile(model, found, ranges)
-    for _ in range(_SEARCHES):
-        if profile.least.cost > found.cost - _BETTER:
-            # A narrow valley may take more steps than there are, and has been followed.
-            found = OptimizeResult(profile.least, status=1)
-            break
-        model, found = _weighted(model, profile.least, ranges)
-        profile = _profile(model, found, ranges)
-    return model, found, profile.variances, profile.range_error
-
-
-class _Profile(NamedTuple):
-    """The best fit of those at many ranges, and how well all numbers are known.
-
-    Attributes:
-        least: the best fit, the lowest of all that were tried.
-        variances: of the numbers.
-        range_error: of the range [m].
-    """
-
-    least: OptimizeResult
-    variances: np.ndarray
-    range_error: float
-
-
-def _profile(model: _Model, found: OptimizeResult, ranges: tuple[float, float]) -> _Profile:
-    """Return how far all numbers are known, by fits of the others at longer and shorter ranges.
-
-    The misfit is no parabola over the range: one that is short beside the deformation hardly
-    changes the curve. Two standard errors reach to where the sum of squares has grown by four, on
-    the farther side, or as far as derivatives tell.
-    """
-    variances = np.diag(_inverse(model.jacobian(found.x)))
-    first = float(np.clip(np.sqrt(variances[-1]), *_STEPS))
-    best, sides = found, []
-    for sign in (1, -1):
-        step, grown, at = first, 0.0, found.x
-        last, before = at, grown
-        for _ in range(_TRIED):
-            last, before = at, grown
-            length = np.clip(at[-1] + sign * step, *np.log(ranges))
-            refit = model.fit(np.append(at[:-1], length), _BUT_RANGE, _FIRST)
-            at = refit.x
-            if refit.cost < best.cost:
-                best = OptimizeResult(found, x=at, cost=refit.cost)
-            # The distance in standard errors.
-            grown = float(np.sqrt(max(2 * (refit.cost - found.cost), 0.0)))
-            if grown >= _ERRORS or length in np.log(ranges):
-                break
-            step = min(2 * step, _STEPS[1])
-        if grown > _ERRORS:
-            at = last + (_ERRORS - before) / (grown - before) * (at - last)
-        sides.append(at)
-    away = np.max(np.abs(np.array(sides) - best.x), axis=0) / _ERRORS
-    jacobian = model.jacobian(best.x)
-    along = away**2
-    along[:-1] += np.diag(_inverse(jacobian[:, :-1]))
-    variances = np.maximum(np.diag(_inverse(jacobian)), along)
-    length = np.exp(best.x[-1])
-    lengths = np.exp([side[-1] for side in sides])
-    # Far from the fit derivatives tell nothing of the range.
-    straight = length * min(np.sqrt(variances[-1]), 1.0)
-    return _Profile(best, variances, float(max(straight, *np.abs(lengths - length) / _ERRORS)))
