@@ -74,6 +74,7 @@ def main() -> None:
     for kind in kinds:
         for seed in range(options.first, options.first + options.curves):
             found += trials(kind, seed)
+        print("\n".join(rows(found, "kind")), flush=True)
     lines = [HEAD, *rows(found, "kind")]
     lines += ["", HEAD.replace("class", "condition"), *rows(found, "condition")]
     seconds = [trial.seconds for trial in found]

@@ -34,6 +34,8 @@ _FEWEST_BLOCKS = 8
 # one whose half sum of squares is so much larger.
 _RANGES = 1e-3, 300.0
 _TRIED, _STARTS = 19, 9
+# Works over the best one at which the others are fitted, as logarithms.
+_WORKS = np.array([-2.4, -1.6, -0.8, -0.4, -0.2, 0.2, 0.4, 0.8, 1.6, 2.4])
 _MUCH_WORSE = 50.0
 # An attraction acts over no less than the distance of atoms [m].
 _ATOM = 1e-10
@@ -54,9 +56,11 @@ _WINDOW = 5
 # The model does not describe a curve whose misfit in contact is so many times the noise, and this
 # part of the force that the indentation makes; before contact it is so many times the noise, and
 # this part of the largest attraction.
-_MISFIT, _SEEN, _SEEN_BEFORE = 3.0, 0.02, 0.1
+_MISFIT, _SEEN, _SEEN_BEFORE = 3.0, 0.02, 0.03
 # A sum of squares is right within this part, as a first and as a last one.
 _ROUGH, _FINE = 1e-4, 1e-9
+# A better fit has half a sum of squares that is lower by this much.
+_BETTER = 0.1
 # Errors are measured at so many standard errors.
 _ERRORS = 2.0, 3.0
 # A start is inside of its bounds by this much.
@@ -65,6 +69,8 @@ _INNER = 1e-9
 _NARROWEST = 1e-5
 # Which numbers are fitted: all, all but the range, and modulus and contact point.
 _ALL, _BUT_RANGE, _MECHANICS = slice(None), slice(-1), slice(2)
+# The place of the work of adhesion among the numbers.
+_WORK = 5
 # Errors of the bins follow from so many fits.
 _WEIGHINGS = 2
 
@@ -84,9 +90,10 @@ def fit_curve(
     is fitted too. A curve that shows no attraction is fitted without (I. N. Sneddon, Int. J. Eng.
     Sci. 3, 47 (1965)).
 
-    Standard errors include noise that is correlated over some points, and a misfit of the model.
-    They do not include errors of the spring constant, the tip, Poisson's ratio and the law: between
-    JKR and DMT another law makes another curve.
+    Standard errors include noise that is correlated over some points, a misfit of the model, and
+    all ranges of the attraction that the curve allows. They do not include errors of the spring
+    constant, the tip and Poisson's ratio. Another law of attraction than Dugdale's is a misfit
+    where the attraction shows.
 
     Arguments:
         curve: the curve, with a spring constant; one that is not corrected is.
@@ -399,7 +406,7 @@ class _Model:
         error = data.jump.error * np.sqrt(self.scatter.max())
         return np.append(residuals, (height - data.jump.height) / error)
 
-    def jacobian(self, x: np.ndarray, free: slice = _ALL) -> np.ndarray:
+    def jacobian(self, x: np.ndarray, free: slice | np.ndarray = _ALL) -> np.ndarray:
         """Return the derivatives of the residuals, by differences where they are not straight."""
         data = self.data
         numbers = x * self.units
@@ -415,13 +422,13 @@ class _Model:
         clocks = np.append(data.clocks, [0.0, data.jump.clock if data.jump else 0.0])
         columns[:, 4] = columns[:, 1] * clocks[: len(start)] * self.units[4] / self.units[1]
         columns[len(data.forces), 4] = 1.0
-        for number in {*range(self.count)[free]} & {0, 5, 6}:
+        for number in {*np.arange(self.count)[free].tolist()} & {0, 5, 6}:
             moved = x.copy()
             moved[number] += _DIFFERENCE
             columns[:, number] = (self.residuals(moved) - start) / _DIFFERENCE
         return columns
 
-    def variances(self, x: np.ndarray, free: slice = _ALL) -> np.ndarray:
+    def variances(self, x: np.ndarray, free: slice | np.ndarray = _ALL) -> np.ndarray:
         """Return the variances of free numbers, zero of the others.
 
         A jump is at one height: the bins beside it, whose forces it changes in steps, tell nothing
@@ -436,7 +443,11 @@ class _Model:
         return variances
 
     def fit(
-        self, x: np.ndarray, free: slice, most: int, ranges: tuple[float, float] | None = None
+        self,
+        x: np.ndarray,
+        free: slice | np.ndarray,
+        most: int,
+        ranges: tuple[float, float] | None = None,
     ) -> OptimizeResult:
         """Return the least squares over free numbers, modulus and work being right in order."""
         data = self.data
@@ -572,7 +583,7 @@ def _better(bare: _Fit, sticky: _Fit) -> _Fit:
         return sticky
     moved = sticky.model.values(sticky.found.x)[: bare.model.count]
     moved = moved - bare.model.values(bare.found.x)
-    return bare._replace(errors=np.hypot(bare.errors, moved))
+    return _Fit(bare.model, bare.found, np.hypot(bare.errors, moved))
 
 
 def _without_adhesion(data: _Data, tip: Tip | FlatPunch) -> _Fit:
@@ -621,7 +632,7 @@ def _with_adhesion(data: _Data, tip: Tip | FlatPunch) -> _Fit:
     best = min(found, key=lambda one: one.cost)
     # Errors of bins would hide a fit that has not ended.
     model, best = _weighted(model, model.fit(best.x, _ALL, _LAST, ranges), ranges)
-    profile = _profile(model, best, lengths)
+    profile = _profiles(model, best, lengths, ranges)
     # There may be other minima, of other works and moduli at the same range.
     profile += [
         model.fit(one.x, _ALL, _FIRST, ranges)
@@ -629,23 +640,43 @@ def _with_adhesion(data: _Data, tip: Tip | FlatPunch) -> _Fit:
         if one.cost < min(other.cost for other in found) + _MUCH_WORSE
     ]
     least = min(profile, key=lambda one: one.cost)
-    if least.cost < best.cost:
+    if least.cost < best.cost - _BETTER:
         model, best = _weighted(model, model.fit(least.x, _ALL, _LAST, ranges), ranges)
         minima = [model.fit(one.x, _ALL, _FIRST, ranges) for one in profile]
-        profile = _profile(model, best, lengths) + minima
+        profile = _profiles(model, best, lengths, ranges) + minima
     return _with_errors(model, best, profile, ranges)
 
 
-def _profile(model: _Model, best: OptimizeResult, lengths: np.ndarray) -> list[OptimizeResult]:
-    """Return the fits of all other numbers at logarithms of the range, from the best one outwards.
+def _profiles(
+    model: _Model, best: OptimizeResult, lengths: np.ndarray, ranges: tuple[float, float]
+) -> list[OptimizeResult]:
+    """Return the fits of all other numbers at ranges, and at works."""
+    works = best.x[_WORK] + _WORKS
+    return [
+        *_profile(model, best, model.count - 1, lengths, ranges),
+        *_profile(model, best, _WORK, works, ranges),
+    ]
+
+
+def _profile(
+    model: _Model,
+    best: OptimizeResult,
+    number: int,
+    values: np.ndarray,
+    ranges: tuple[float, float],
+) -> list[OptimizeResult]:
+    """Return the fits of all others at values of a number, from the best one outwards.
 
     On either side it ends where a fit is much worse.
     """
     found = []
-    for side in (lengths[lengths > best.x[-1]], lengths[lengths <= best.x[-1]][::-1]):
+    others = np.delete(np.arange(model.count), number)
+    for side in (values[values > best.x[number]], values[values <= best.x[number]][::-1]):
         x = best.x
-        for length in side:
-            fit = model.fit(np.append(x[:-1], length), _BUT_RANGE, _FIRST)
+        for value in side:
+            start = x.copy()
+            start[number] = value
+            fit = model.fit(start, others, _FIRST, ranges)
             found.append(fit)
             x = fit.x
             if fit.cost > best.cost + _MUCH_WORSE:
@@ -659,7 +690,7 @@ def _with_errors(
     profile: list[OptimizeResult],
     ranges: tuple[float, float],
 ) -> _Fit:
-    """Return a fit with its variances, by fits of the others at longer and shorter ranges.
+    """Return a fit with its errors, by fits at other ranges and works, and from other starts.
 
     The misfit is no parabola over the range: one that is short beside the deformation hardly
     changes the curve. Two standard errors reach to where the sum of squares has grown by four, and
@@ -667,12 +698,16 @@ def _with_errors(
     """
     step = min(float(np.sqrt(model.variances(best.x)[-1])), 1.0)
     middle = best.x[-1]
+    first = best.cost
     for away in (*_ERRORS, *(-one for one in _ERRORS)):
         length = np.clip(middle + away * step, *np.log(ranges))
         found = model.fit(np.append(best.x[:-1], length), _BUT_RANGE, _FIRST)
         profile = [*profile, found]
         if found.cost < best.cost:
             best = OptimizeResult(best, x=found.x, cost=found.cost)
+    if best.cost > first - _BETTER:
+        # A narrow valley may take more steps than there are, and has been followed.
+        best = OptimizeResult(best, status=1)
     profile = sorted([*profile, best], key=lambda one: one.x[-1])
     # The distance in standard errors.
     away = np.array([np.sqrt(2 * max(one.cost - best.cost, 0.0)) for one in profile])

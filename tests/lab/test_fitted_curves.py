@@ -42,6 +42,42 @@ def test_from_jkr_to_dmt(tabor, segment):
     assert fit.errors.work_of_adhesion < 0.4 * WORK
 
 
+def test_a_long_range_with_a_weak_jump_is_found():
+    # A short range with the same pull-off is a minimum as well, and the jump moves by points.
+    law = {"modulus": 0.44, "work": 0.037, "depth": 9.0}
+    curve = recorded(maugis_with_approach(0.04, **law), 7, constant=0.42, noise=0.03)
+    fit = js.lab.fit_curve(curve, TIP, 0.0, "retraction")
+    length = np.cbrt(RADIUS * (law["work"] / law["modulus"]) ** 2) / 0.04 * 1e-9
+    assert fit.result == js.RESULTS.successful
+    assert abs(fit.range - length) < 3 * fit.errors.range < 0.1 * length
+    assert abs(fit.youngs_modulus - 0.44e9) < 3 * fit.errors.youngs_modulus
+
+
+def test_an_attraction_of_four_points_does_not_bias_the_modulus():
+    law = maugis_with_approach(0.4, modulus=0.56, work=0.03, depth=9.0)
+    fit = js.lab.fit_curve(recorded(law, 4, constant=0.24), TIP, 0.0)
+    assert abs(fit.youngs_modulus - 0.56e9) < 3 * fit.errors.youngs_modulus
+    assert fit.errors.youngs_modulus < 0.15 * 0.56e9
+
+
+@pytest.mark.nightly
+def test_another_law_is_told_and_its_modulus_within_two_errors():
+    modulus, work, length = 0.1, 0.05, 5.7
+    rings = js.Rings(300, 26.0)
+    contact = js.Contact(
+        js.solids.AxisymmetricHalfSpace(rings, modulus),
+        js.surfaces.paraboloid(rings, RADIUS),
+        js.potentials.Exponential(work, length),
+    )
+    places = np.append(np.linspace(8 * length, 0.1, 60), np.linspace(0.0, -8.0, 60))
+    states = js.sweep(contact, js.FarDisplacement(places), order="continuation", stability=False)
+    curve = recorded((-places, np.asarray(states.equilibrium.force)), 1, constant=5.0, reach=60.0)
+    with pytest.warns(js.exceptions.FitWarning, match="misfit"):
+        fit = js.lab.fit_curve(curve, TIP, 0.0)
+    assert fit.result == js.RESULTS.misfit
+    assert abs(fit.youngs_modulus - modulus * 1e9) < 2 * fit.errors.youngs_modulus
+
+
 def test_a_cone_of_sneddon_and_its_pyramid():
     tip = js.lab.Cone(30.0)
     depth = np.linspace(0, 60, 2000)
