@@ -16,7 +16,7 @@ from jaxstab.core.checks import (
     require_positive,
     where_known,
 )
-from jaxstab.core.grid import Grid, mean, mean_over, total
+from jaxstab.core.grid import Mesh, mean, mean_over, total
 from jaxstab.core.types import ArrayLike, Field, FieldMap, Flag, Mask, Scalar
 from jaxstab.core.units import LENGTH, STIFFNESS
 from jaxstab.core.warn import warn
@@ -153,7 +153,7 @@ class Spring(Load):
         require_positive("The stiffness of the spring", self.stiffness)
 
     @classmethod
-    def cantilever(cls, position: ArrayLike, constant: ArrayLike, grid: Grid) -> "Spring":
+    def cantilever(cls, position: ArrayLike, constant: ArrayLike, grid: Mesh) -> "Spring":
         """Return the spring of a cantilever with a constant c in force per length: k = c / area.
 
         A cantilever of 1 N/m over a cell of 1 µm by 1 µm has a stiffness of 1e12 Pa/m.
@@ -162,13 +162,14 @@ class Spring(Load):
             position: the position of its far end [length].
             constant: c, in N/m for pressures in Pa and lengths in m, and also for MPa and µm
                 [force/length]; on a line, the constant for a strip of unit width [pressure].
-            grid: the grid of the contact, `contact.grid`, whose area the force acts on.
+            grid: the grid of the contact, or its rings, `contact.grid`, whose area the force acts
+                on.
 
         Raises:
             ValueError: if a constant is not positive.
             TypeError: for something that is not a grid.
         """
-        require_kind(grid, Grid, "no grid: give the grid of the contact, contact.grid.")
+        require_kind(grid, Mesh, "no grid: give the grid of the contact, contact.grid.")
         given = parameter(constant)
         require_positive("The constant of the cantilever", given)
         return cls(position, given / grid.area)

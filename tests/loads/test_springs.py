@@ -140,6 +140,8 @@ def test_cantilevers_can_be_traced_and_must_be_stiff():
     loads = jax.jit(jax.vmap(lambda c: js.Spring.cantilever(0.1, c, grid)))(constants)
     np.testing.assert_allclose(loads.stiffness, [1, 2])
     assert jax.grad(lambda c: js.Spring.cantilever(0.1, c, grid).stiffness)(1.0) == 1 / 6
+    disc = js.Rings(10, 2.0)
+    assert js.Spring.cantilever(0.1, 1.0, disc).stiffness == pytest.approx(1 / (4 * np.pi))
     with pytest.raises(ValueError, match="constant of the cantilever is -1"):
         js.Spring.cantilever(0.1, -1.0, grid)
     with pytest.raises(TypeError, match=r"int is no grid: give the grid of the contact"):
