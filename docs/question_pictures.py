@@ -46,13 +46,12 @@ def drawn(page: str) -> Figure:
 def modulus(names: Names, axes: Axes) -> None:
     """Draw the forces of both directions, and the fitted curve."""
     curve, fit = names["curve"], names["fit"]
-    fitted = curve.retraction
+    tip = curve.retraction.height + fit.forces / curve.spring_constant
     for part, colour in ((curve.approach, BLUE), (curve.retraction, VERMILION)):
         near = part.tip_position < FARTHEST
         axes.plot(part.tip_position[near], part.force[near], ".", color=colour, markersize=2)
-    near = fitted.tip_position < FARTHEST
-    label = "fit of the retraction"
-    axes.plot(fitted.tip_position[near], fit.forces[near], color=BLACK, label=label)
+    near = tip < FARTHEST
+    axes.plot(tip[near], fit.forces[near], color=BLACK, label="fit of the retraction")
     axes.plot([], [], ".", color=BLUE, label="approach")
     axes.plot([], [], ".", color=VERMILION, label="retraction")
     axes.axhline(0, color="0.7", linewidth=1, zorder=0)
