@@ -38,8 +38,7 @@ from jaxstab.states.point import PathPoint, point_of
 # the first over the longest.
 LONGEST = 0.1
 _FIRST = 0.2
-# A state beyond the end of a branch is sought so many times farther on if the solver fails there. A
-# branch that ends within so many of these distances behind a release has not left it.
+# A state beyond the end of a branch is sought so many times farther on if the solver fails there.
 FARTHER = 10.0
 
 

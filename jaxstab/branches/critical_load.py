@@ -50,6 +50,9 @@ _NUM_SEARCHES = 2
 # loads.
 _SMALLEST_LOSS = 1e-5
 _BEYOND = 1e-6
+# A branch has not left the release before it if it ends at so many times the distance from there at
+# which it was begun, or nearer.
+_STILL_NEAR = 10.0
 
 
 def critical_load(
@@ -275,7 +278,7 @@ def _search_after(
     # Where every perturbation costs energy the branch does not end, whatever its tangents say.
     is_lost |= (limit.kind == KINDS.uncertain) & (limit.critical.eigenvalue > limit.critical.error)
     distance = jnp.abs(value - old.load.value)
-    is_near = jnp.abs(limit.load.value - old.load.value) <= FARTHER * distance
+    is_near = jnp.abs(limit.load.value - old.load.value) <= _STILL_NEAR * distance
     is_stuck = (search.number > 0) & (~is_stable | (is_lost & is_near & old.is_found))
     is_lost |= is_stuck
     is_release = limit.is_found & (limit.kind == KINDS.release)

@@ -17,8 +17,9 @@ from jaxstab.core.types import Field, Flag, Scalar
 
 # One in so many points may change sides in a step.
 _ONE_IN = 64
-# By how much the lines from both ends of a step to where a point changes sides may be too long.
-_LEEWAY = 3
+# The sum of the lines from both ends of a step to the place where a point changes sides, over the
+# length of the step: one where the lines meet, and more where the point moves unevenly.
+_LONGEST_LINES = 3
 # Places between two ends where the cubics are looked at.
 _BETWEEN = 16
 
@@ -126,6 +127,6 @@ def changes_as_predicted(
     value = jnp.where(new.is_free, new.at.gap, net)
     rate = jnp.where(new.is_free, new.tangent.gap, net_rate)
     behind = jnp.where(rate > 0, value / jnp.where(rate > 0, rate, 1), jnp.inf)
-    is_predicted = changes.distances + behind <= _LEEWAY * cubics.length
+    is_predicted = changes.distances + behind <= _LONGEST_LINES * cubics.length
     most = most_changes(net.size)
     return jnp.all(jnp.where(flipped, is_predicted, True)) & (jnp.sum(flipped) <= 2 * most)

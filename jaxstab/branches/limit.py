@@ -45,15 +45,20 @@ from jaxstab.loads import Load
 from jaxstab.stability.eigenpair import Eigenpair
 from jaxstab.states.kinds import ENDS, KINDS
 
+# Steps along the curve towards a limit, at most.
 _MAX_STEPS = 2000
-# The least part of a branch's direction that is along the mode of a fold.
-_ALONG = 0.5
-# How far from where it was seen to lie a limit may be found, over how near that is known: what is
-# missing on the whole may be missing at one point, and disturbed starts leave a branch early.
-_LEEWAY = 1000
-# Of a search from a state nearby: its first step over its longest, and how far back it begins, over
-# a negligible part of the size of the state.
+# The least cosine between the tangent of a branch and the mode of a fold: at a fold both are one
+# direction, at a bifurcation they are orthogonal.
+_LEAST_COSINE = 0.5
+# The distance in load within which a limit is sought ahead of a state, over the distance within
+# which load stepping has found no state any more (`_horizon`). Disturbed starts leave a branch
+# early. And the imbalance of a state, which is small in the mean over N points, may be that of one:
+# then it is sqrt(N) times as large there, a thousand times on 1024 x 1024 points.
+_SEARCH_WIDTH = 1000
+# The first step of a search from a state nearby, over its longest one.
 _FIRST = 1e-3
+# The distances back along the curve at which such a search begins, over a negligible part of the
+# size of the state. They are tried in this order: most limits are found from the first.
 _BACKS = 1.0, 1e-2, 10.0, 100.0
 
 
@@ -157,7 +162,7 @@ def _ahead(contact: Contact, load: Load, gap: Field, ahead: Scalar) -> _Ahead:
     longest = LONGEST * curve.length(at)
     sign = jnp.sign(ahead)
     row = BorderedVector(sign * curve.load_gradient.gap, sign * curve.load_gradient.pressure)
-    end = load.value + _LEEWAY * _horizon(load, gap, ahead)
+    end = load.value + _SEARCH_WIDTH * _horizon(load, gap, ahead)
     problem = ContinuationProblem(
         curve, load.value, end, longest, shortest_of(longest), to_limit=True
     )
@@ -403,7 +408,9 @@ def limit_between(
     tangent = new.here.tangent.gap
     mode = pair.mode
     along = jnp.abs(total(tangent * mode))
-    crosses = ~new.turn.is_there & (along < _ALONG * jnp.sqrt(total(tangent**2) * total(mode**2)))
+    crosses = ~new.turn.is_there & (
+        along < _LEAST_COSINE * jnp.sqrt(total(tangent**2) * total(mode**2))
+    )
     splits = is_release & (new.turn.kind == KINDS.bifurcation)
     kind = KINDS.where(is_release, KINDS.release, KINDS.fold)
     kind = KINDS.where(crosses | splits, KINDS.bifurcation, kind)

@@ -28,13 +28,16 @@ from jaxstab.loads import Load
 from jaxstab.states.point import PathPoint, point_of
 from jaxstab.states.record import Record
 
-# How much of the smallest loss the curvature of F may take from the work on a step.
+# The share of the curvature of F in the work on a step, over the smallest loss that is located: a
+# step with more is too long for the trapezoid.
 _MAX_CURVATURE = 4
-# The errors on a branch that may add up in a predicted potential, and for steps once one has
-# failed: to reject these too early costs less.
-_LEEWAY = 20
-_LEEWAY_IN_SEARCH = 5
-# The part of the errors allowed that a step aims at.
+# How far the potential of a step may fall below its prediction, over the smallest loss that is
+# located. The prediction extrapolates F, and may err by many times the loss that a step on the
+# branch may show. Once a step has failed the second number counts: to reject a step too early then
+# costs no more than another halving.
+_MAX_FALL = 20
+_MAX_FALL_IN_BISECTION = 5
+# The error that a step aims at, over the largest one of a step on a branch.
 _AIM = 0.7
 
 
@@ -188,8 +191,8 @@ def _least_potential(load_path: LoadPath, progress: Progress, change: Scalar) ->
     last = progress.last
     slope = (here.force - last.force) / _nonzero(here.value - last.value)
     predicted = here.potential + change * (here.force + change * slope / 2)
-    leeway = jnp.where(progress.bisection.is_on, _LEEWAY_IN_SEARCH, _LEEWAY)
-    return predicted - leeway * load_path.smallest_loss(here)
+    fall = jnp.where(progress.bisection.is_on, _MAX_FALL_IN_BISECTION, _MAX_FALL)
+    return predicted - fall * load_path.smallest_loss(here)
 
 
 def _outcome_of(

@@ -10,13 +10,16 @@ from jaxstab.core.checks import where_known
 from jaxstab.core.compile import program
 from jaxstab.core.types import Flag
 from jaxstab.potentials.evaluation import derivatives
-from jaxstab.potentials.profile import HARDLY_ANY, at_some_points, gaps_of
+from jaxstab.potentials.profile import at_some_points, gaps_of
 from jaxstab.potentials.varying import Potential, varying_fields, with_fields
 
 # Gaps, a quantity there, and its derivative, along the first axis of an array or in a tuple.
 _Side = Array | tuple[Array, Array, Array]
 # The number of intervals that are searched, the likeliest first, for value and slope each.
 _COUNT = 16
+# A jump of the value below this part of the depth of the law, or of the slope below this part of
+# the largest attraction, is none.
+_LEAST_JUMP = 1e-3
 
 
 class LawJump(eqx.Module):
@@ -97,7 +100,7 @@ def law_jump(potential: Potential, lengths: Float[Array, "..."]) -> LawJump:
     size = jnp.where(jnp.isfinite(size), size, 0)
     sides = jnp.stack([high[0], low[1], high[1], size])
     gap, below, above, size = sides[:, jnp.arange(2), jnp.argmax(size, 1)]
-    return LawJump(gap, below, above, size, jnp.all(size <= HARDLY_ANY))
+    return LawJump(gap, below, above, size, jnp.all(size <= _LEAST_JUMP))
 
 
 def _where_defined(law: Potential, gaps: Array) -> tuple[Array, ...]:
@@ -118,7 +121,7 @@ def require_no_jump(jump: LawJump) -> None:
     if jump.is_absent:
         return
     # A jump of the value is one of the slope too.
-    which = int(jump.size[0] <= HARDLY_ANY)
+    which = int(jump.size[0] <= _LEAST_JUMP)
     gap, below, above = (float(side[which]) for side in (jump.gap, jump.below, jump.above))
     raise ValueError(
         f"The potential's {('value', 'slope')[which]} jumps from {below:.6g} to {above:.6g} at a "

@@ -17,8 +17,10 @@ _OCTAVES = (10, -40)
 _PER_OCTAVE = 64
 # The relative difference of the slopes at zero gap and right above it that counts as a jump.
 _JUMP = 0.25
-# This part of the largest attraction, or of the depth of a law, is taken for none.
+# An attraction below this part of the largest one is taken for none: surfaces are far apart.
 HARDLY_ANY = 1e-3
+# A repulsion at zero gap below this part of the largest attraction is taken for none.
+_NO_REPULSION = 1e-3
 # A repulsion that has fallen by this factor over an octave of gaps has faded.
 _FADED = 1e-12
 # The number of surface points at which a varying law is evaluated, beside its extremes.
@@ -87,7 +89,7 @@ class Profile(eqx.Module):
         peak = slopes.size - 1 - jnp.argmax(slopes[::-1])
         largest = slopes[peak]
         # The slope of a core may be no number at zero gap.
-        repels = ~(at_zero >= -HARDLY_ANY * jnp.maximum(largest, 0))
+        repels = ~(at_zero >= -_NO_REPULSION * jnp.maximum(largest, 0))
         # A law that ends at a gap falls to zero there by a power of the distance.
         fades = slopes[peak + 1] >= _FADED * slopes[peak + _PER_OCTAVE]
         throughout = repels & ((largest < 0) | ((largest == 0) & fades))
