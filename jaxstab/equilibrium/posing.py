@@ -143,16 +143,18 @@ def warn_at_edges(contact: Contact, equilibrium: Equilibrium) -> None:
         return
     pressures = abs(concrete(equilibrium.pressure))
     first = [0]
+    place = "edges of the window"
     if isinstance(contact.grid, Rings):
         # The first ring is the axis.
         first = []
+        place = "rim of the disc"
     ends = [pressures.take([*first, n - 1], axis) for axis, n in enumerate(pressures.shape)]
     largest = pressures.max()
     at_edges = max(end.max() for end in ends)
     if at_edges > MOST_AT_EDGES * largest:
         warn(
-            f"at the edges of the window the pressure exceeds {MOST_AT_EDGES:.0%} of its largest "
-            "value: contact or adhesion reaches the edge of the window. Use a larger one.",
+            f"at the {place} the pressure exceeds {MOST_AT_EDGES:.0%} of its largest value: "
+            f"contact or adhesion reaches the {place}. Use a larger one.",
             WindowWarning,
         )
 

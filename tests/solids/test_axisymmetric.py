@@ -241,6 +241,37 @@ def test_a_growing_contact_of_a_viscoelastic_half_space_is_that_of_lee_and_radok
     assert float(evolution.force[-1]) == pytest.approx(exact, rel=5e-3)
 
 
+@pytest.mark.nightly
+def test_a_branch_through_unstable_states_lies_on_the_curve_of_maugis():
+    sphere = (1.0, 1.0, 1e-3)
+    unit = js.references.jkr.units(*sphere)
+    strength = 1 / float(js.references.maugis.transition_parameter(*sphere, 1.0))
+    rings = js.Rings(200, 2.2 * float(unit.contact_radius))
+    law = js.potentials.Dugdale(1e-3, 1e-3 / strength, 0.05)
+    solid = js.solids.AxisymmetricHalfSpace(rings, 1.0)
+    contact = js.Contact(solid, js.surfaces.paraboloid(rings, 1.0), law)
+    ends = js.FarDisplacement(jnp.array([0.2, 1.8]) * float(unit.displacement))
+    branch = js.continuation(contact, ends, initial=js.equilibrate(contact, ends[0]))
+    assert branch.end.name == "load"
+    radii = np.geomspace(1e-3, 3, 4000) * unit.contact_radius
+    outer = float(js.references.maugis.first_touch(*sphere, strength).outer_radius)
+    curves = [
+        js.references.maugis.curve(radii, *sphere, strength),
+        js.references.maugis.without_contact(np.linspace(0, outer, 4000), *sphere, strength),
+    ]
+    touches = np.asarray(branch.equilibrium.contact_area) > 0
+    is_unstable = np.asarray(branch.index) > 0
+    places = -np.asarray(branch.load.value) / unit.displacement
+    forces = np.asarray(branch.equilibrium.force) / unit.force
+    # Without contact the edge of the law, which is smoothed, acts.
+    chosen = ((touches, 0.003), (is_unstable & ~touches, 0.02))
+    for exact, (some, close) in zip(curves, chosen, strict=True):
+        assert some.sum() > 10
+        d, f = exact.displacement / unit.displacement, exact.force / unit.force
+        for place, force in zip(places[some], forces[some], strict=True):
+            assert np.hypot(d - place, f - force).min() < close
+
+
 def test_rings_are_chosen_for_a_contact():
     def profile(r):
         return -(r**2) / 2e-5
@@ -354,7 +385,7 @@ def test_mistakes_are_told(rings, solid, sticky):
     flat = js.Contact(js.HalfSpace(grid, 1.0), jnp.zeros((8, 8)), NoAdhesion())
     with pytest.raises(ValueError, match="orders"):
         js.assess_stability(flat, js.equilibrate(flat, js.MeanGap(0.1)), orders=2)
-    with pytest.warns(js.exceptions.WindowWarning, match="edges"):
+    with pytest.warns(js.exceptions.WindowWarning, match="rim of the disc"):
         js.equilibrate(sticky, js.FarDisplacement(-1.2))
 
 
