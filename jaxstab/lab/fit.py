@@ -2,15 +2,30 @@
 
 from __future__ import annotations
 
+import csv
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Literal
+from pathlib import Path
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
 import jaxstab as js
 from jaxstab.lab.tips import FlatPunch, Tip
 
+if TYPE_CHECKING:
+    import xarray
+    from matplotlib.axes import Axes
+
+_SYMBOLS = {
+    "youngs_modulus": "Pa",
+    "work_of_adhesion": "J/m²",
+    "range": "m",
+    "contact_point": "m",
+}
+# A figure shows this part of the depth beyond the contact and beyond the fitted attraction, which
+# ends where it is this part of the largest one.
+_BESIDE, _FAINT = 0.3, 0.02
 _PREFIXES = {-12: "p", -9: "n", -6: "µ", -3: "m", 0: "", 3: "k", 6: "M", 9: "G", 12: "T"}
 
 
@@ -74,6 +89,103 @@ class ForceCurveFit:
         """The result as a sentence, with its cause and cure."""
         return str(js.RESULTS[self.result])
 
+    @property
+    def points(self) -> js.lab.force_curves.Segment:
+        """The measured points, in the units of the curve."""
+        return getattr(self.curve, self.segment)
+
+    def to_dataset(self) -> xarray.Dataset:
+        """Return the curve, as its own `to_dataset`, with the fitted forces and all numbers.
+
+        Each number is in SI units, with `units` and `standard_error` among its attributes.
+
+        Raises:
+            ImportError: without xarray.
+        """
+        dataset = self.curve.to_dataset()
+        attributes = {"long_name": "fitted force", "units": self.curve.force_unit}
+        dataset["fitted_force"] = (f"{self.segment}_point", self.forces, attributes)
+        for name, symbol in _SYMBOLS.items():
+            error = getattr(self.errors, name)
+            attributes = {"units": symbol, "standard_error": error}
+            dataset[name] = ((), getattr(self, name), attributes)
+        dataset["noise"] = ((), self.noise, {"units": "N"})
+        dataset["misfit"] = ((), self.misfit, {"units": "N"})
+        title = {"title": "Fit of a force curve", **dict(self._statements())}
+        return dataset.assign_attrs(title)
+
+    def to_csv(self, path: str | Path) -> Path:
+        """Write numbers, errors and the fitted curve as text in UTF-8, and return its path.
+
+        Comments hold the numbers with standard errors, in SI units. The columns are those that
+        `jaxstab.lab.force_curves.read` reads, and the fitted force, in the units of the curve.
+
+        Arguments:
+            path: the file; it must not exist yet.
+
+        Raises:
+            FileExistsError: if the file exists.
+        """
+        points, curve = self.points, self.curve
+        tip = {f"tip position [{curve.unit}]": points.tip_position}
+        time = {} if points.time is None else {"time [s]": points.time}
+        columns = {
+            f"height [{curve.unit}]": points.height,
+            f"force [{curve.force_unit}]": points.force,
+            f"fitted force [{curve.force_unit}]": self.forces,
+            **tip,
+            **time,
+        }
+        path = Path(path)
+        with path.open("x", encoding="utf-8", newline="") as file:
+            for name, text in self._statements():
+                file.write(f"# {name}: {text}\n")
+            for name, symbol in _SYMBOLS.items():
+                value, error = getattr(self, name), getattr(self.errors, name)
+                file.write(f"# {name}: {value:.9g} {symbol}, standard error {error:.3g} {symbol}\n")
+            writer = csv.writer(file, lineterminator="\n")
+            writer.writerow(columns)
+            for row in zip(*columns.values(), strict=True):
+                writer.writerow([f"{value:.9g}" for value in row])
+        return path
+
+    def plot(self, axes: Axes | None = None) -> Axes:
+        """Draw the curve over the tip position, with the fitted forces and the contact point.
+
+        The contact and the attraction fill the figure, not the baseline.
+
+        Arguments:
+            axes: the axes to draw on; new ones by default.
+        """
+        axes = js.plots.force_curve(self.curve, "tip_position", axes=axes)
+        assert self.curve.spring_constant is not None
+        tips = self.points.height + self.forces / self.curve.spring_constant
+        contact = self.contact_point * _own_units(self.curve)[0]
+        axes.plot(tips, self.forces, color="black", linewidth=1, label="fit")
+        axes.axvline(contact, color="grey", linewidth=1, linestyle=":", label="contact point")
+        deepest = np.nanmin(tips)
+        depth = contact - deepest
+        end = contact
+        if self.work_of_adhesion > 0:
+            is_attracted = self.forces < _FAINT * np.nanmin(self.forces)
+            end = max(end, np.nanmax(tips[is_attracted], initial=contact))
+        lowest, highest = np.nanmin(self.forces), np.nanmax(self.forces)
+        margin = _BESIDE * (highest - lowest) / 2
+        axes.set_xlim(deepest - _BESIDE * depth / 2, end + _BESIDE * (end - deepest))
+        axes.set_ylim(lowest - margin, highest + margin)
+        axes.legend(frameon=False)
+        return axes
+
+    def _statements(self) -> Iterator[tuple[str, str]]:
+        yield "fit of a force curve", self.result.name
+        yield "source", self.curve.source or "not from a file"
+        yield "segment", self.segment
+        yield "tip", str(self.tip)
+        yield "poisson ratio", f"{self.poisson_ratio:.6g}"
+        length, force = _own_units(self.curve)
+        assert self.curve.spring_constant is not None
+        yield "spring constant", f"{self.curve.spring_constant * length / force:.9g} N/m"
+
     def __repr__(self) -> str:
         rows = [("", "value", "standard error", "", "in units of the curve"), *_rows(self)]
         widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
@@ -96,20 +208,24 @@ class ForceCurveFit:
         return "\n".join([head, *lines])
 
 
-def _rows(fit: ForceCurveFit) -> Iterator[tuple[str, str, str, str, str]]:
-    # One metre and one newton in the units of the curve.
-    unit = js.lab.force_curves.ForceCurve(
-        js.lab.force_curves.Segment(np.ones(1), np.ones(1)), None
-    ).in_units(fit.curve.unit, fit.curve.force_unit)
+def _own_units(curve: js.lab.force_curves.ForceCurve) -> tuple[float, float]:
+    """Return one metre and one newton in the units of a curve."""
+    one = js.lab.force_curves.Segment(np.ones(1), np.ones(1))
+    unit = js.lab.force_curves.ForceCurve(one, None).in_units(curve.unit, curve.force_unit)
     assert unit.approach is not None
-    length, force = unit.approach.height[0], unit.approach.force[0]
+    return float(unit.approach.height[0]), float(unit.approach.force[0])
+
+
+def _rows(fit: ForceCurveFit) -> Iterator[tuple[str, str, str, str, str]]:
+    length, force = _own_units(fit.curve)
     names = fit.curve.unit, fit.curve.force_unit
-    for name, symbol, factor, own in (
-        ("youngs_modulus", "Pa", force / length**2, f"{names[1]}/{names[0]}²"),
-        ("work_of_adhesion", "J/m²", force / length, f"{names[1]}/{names[0]}"),
-        ("range", "m", length, names[0]),
-        ("contact_point", "m", length, names[0]),
+    for name, factor, own in (
+        ("youngs_modulus", force / length**2, f"{names[1]}/{names[0]}²"),
+        ("work_of_adhesion", force / length, f"{names[1]}/{names[0]}"),
+        ("range", length, names[0]),
+        ("contact_point", length, names[0]),
     ):
+        symbol = _SYMBOLS[name]
         value, error = getattr(fit, name), getattr(fit.errors, name)
         if np.isnan(value):
             yield name, "-", "-", "", ""

@@ -190,3 +190,37 @@ def test_a_real_curve_agrees_with_hertz(tmp_path):
     # By least squares of F = 4/3 E* sqrt(R) d^(3/2) over the tip position of the corrected curve.
     assert abs(fit.youngs_modulus - 10.8e3) < 3 * fit.errors.youngs_modulus
     assert fit.errors.youngs_modulus < 1.5e3
+
+
+def test_a_fit_is_written_as_text_drawn_and_labelled(tmp_path):
+    curve = recorded(maugis_with_approach(1.0), 2).in_units("µm", "nN")
+    fit = js.lab.fit_curve(curve, TIP, 0.0, "retraction")
+    path = fit.to_csv(tmp_path / "fit.csv")
+    text = path.read_text(encoding="utf-8").splitlines()
+    assert "# segment: retraction" in text
+    (stated,) = (line for line in text if line.startswith("# youngs_modulus"))
+    value, error = (float(part.split()[0]) for part in stated.split(": ")[1].split("error "))
+    assert value == pytest.approx(fit.youngs_modulus, rel=1e-8)
+    assert error == pytest.approx(fit.errors.youngs_modulus, rel=1e-2)
+    again = js.lab.force_curves.read(path)
+    assert again.spring_constant == pytest.approx(0.5, rel=1e-8)
+    np.testing.assert_allclose(1e9 * again.retraction.force, fit.points.force, rtol=1e-8)
+    with pytest.raises(FileExistsError):
+        fit.to_csv(path)
+
+    dataset = fit.to_dataset()
+    np.testing.assert_array_equal(dataset["fitted_force"], fit.forces)
+    assert dataset["fitted_force"].attrs["units"] == "nN"
+    assert float(dataset["youngs_modulus"]) == fit.youngs_modulus
+    assert dataset["youngs_modulus"].attrs["standard_error"] == fit.errors.youngs_modulus
+    dataset.to_netcdf(tmp_path / "fit.nc", engine="h5netcdf")
+
+    axes = fit.plot()
+    # The travel without contact, 150 nm, is out of sight; contact and pull-off are not.
+    low, high = axes.get_xlim()
+    depth = np.ptp(fit.points.tip_position[fit.points.force > 1])
+    assert depth < high - low < 3 * depth
+    assert low < 1e6 * fit.contact_point < high
+    assert axes.get_ylim()[0] < fit.forces.min() < fit.forces.max() < axes.get_ylim()[1]
+    assert {"retraction", "fit", "contact point"} <= {line.get_label() for line in axes.lines}
+    axes.get_figure().clear()
