@@ -5,18 +5,25 @@ Barber, 2003): the conductance is the stiffness against a small move with the co
 """
 
 from collections.abc import Callable
-from functools import partial
 from typing import Annotated, Any, ClassVar
 
 import jax.numpy as jnp
+import numpy as np
 
 from jaxstab.contact import Contact
-from jaxstab.core.checks import cast, require, require_kind, scalar_parameter, where_known
+from jaxstab.core.checks import (
+    cast,
+    concrete,
+    require,
+    require_kind,
+    scalar_parameter,
+    where_known,
+)
 from jaxstab.core.compile import own_conventions, program
 from jaxstab.core.grid import Mesh, total
 from jaxstab.core.linear_system import LinearSystem
 from jaxstab.core.results import SolverError
-from jaxstab.core.types import ArrayLike, Field, Mask, Scalar
+from jaxstab.core.types import ArrayLike, Field, Flag, Mask, Scalar
 from jaxstab.core.units import NUMBER, SPRING_CONSTANT, Dimension
 from jaxstab.equilibrium.equilibrium import State, defined_contact
 from jaxstab.equilibrium.observables.observable import Observable
@@ -92,7 +99,6 @@ def conductance(
     warn_of_few_points(contact, state.contact_area)
     touches = state.in_contact
     solid = contact.solid
-    dtype = contact.heights.dtype
     if isinstance(solid, Viscoelastic):
         solid = solid.relaxed
     require_kind(
@@ -102,52 +108,59 @@ def conductance(
         "a HalfSpace, a FreeHalfSpace or an AxisymmetricHalfSpace.",
     )
     assert isinstance(solid, _HalfSpaces)
-    resistivity = cast(_sum_of(resistivities), dtype)
-    pressure = _pressure(type(solid), contact.grid, touches)
-    _require_solved(pressure)
-    pressure = jnp.where(jnp.isfinite(state.gap + state.contact_area).all(), pressure, jnp.nan)
-    force = total(pressure)
-    is_whole = jnp.all(touches) & (not solid.is_window)
-    # E* is one.
-    stiffness = jnp.where(is_whole, jnp.inf, force * contact.grid.cell_area.astype(dtype))
-    current = jnp.where(is_whole, 1 / pressure.size, pressure / jnp.where(force > 0, force, 1))
-    return Conductance(
-        conductance=2 * stiffness / resistivity,
-        incremental_stiffness=solid.contact_modulus * stiffness,
-        current=current,
-        units=contact.units,
-    )
+    inputs = solid, touches, state.gap, state.contact_area, _pair_of(resistivities)
+    found, is_solved = _conductance(*inputs)
+    _require_solved(is_solved)
+    conductance, stiffness, current = found
+    return Conductance(conductance, stiffness, current, units=contact.units)
 
 
 @where_known
-def _require_solved(pressure: Field) -> None:
-    if jnp.isnan(pressure).any():
+def _require_solved(is_solved: Flag) -> None:
+    if not is_solved:
         raise SolverError(
             "The conductance was not found: its linear system was not solved to the precision. "
             "Use float64."
         )
 
 
-def _sum_of(resistivities: tuple[ArrayLike, ArrayLike]) -> Scalar:
+def _pair_of(resistivities: tuple[ArrayLike, ArrayLike]) -> tuple[Scalar, Scalar]:
     if not (isinstance(resistivities, tuple | list) and len(resistivities) == 2):
         raise ValueError(f"The resistivities are {resistivities!r}: give two, (rho1, rho2).")
     first, second = (scalar_parameter(x, "A resistivity") for x in resistivities)
-    for one in (first, second):
-        require("A resistivity", one, _is_possible(one), "it must be finite and not negative.")
-    both = first + second
-    require("The sum of the resistivities", both, _is_positive(both), "one must be positive.")
-    return both
+    # NumPy compiles nothing.
+    known = [concrete(x) for x in (first, second)]
+    for one in known:
+        is_possible = (one >= 0) & (one < np.inf)
+        require("A resistivity", one, is_possible, "it must be finite and not negative.")
+    both = known[0] + known[1]
+    require("The sum of the resistivities", both, both > 0, "one must be positive.")
+    return first, second
 
 
-def _is_possible(value: Scalar) -> Scalar:
-    return (value >= 0) & (value < jnp.inf)
+@program
+def _conductance(
+    solid: _HalfSpaces,
+    touches: Mask,
+    gap: Field,
+    contact_area: Scalar,
+    resistivities: tuple[Scalar, Scalar],
+) -> tuple[tuple[Scalar, Scalar, Field], Flag]:
+    """Return conductance, stiffness and current, and whether the linear system was solved."""
+    dtype = gap.dtype
+    first, second = resistivities
+    resistivity = (first + second).astype(dtype)
+    pressure = _pressure(type(solid), solid.grid, touches)
+    is_solved = ~jnp.isnan(pressure).any()
+    pressure = jnp.where(jnp.isfinite(gap + contact_area).all(), pressure, jnp.nan)
+    force = total(pressure)
+    is_whole = jnp.all(touches) & (not solid.is_window)
+    # E* is one.
+    stiffness = jnp.where(is_whole, jnp.inf, force * solid.grid.cell_area.astype(dtype))
+    current = jnp.where(is_whole, 1 / pressure.size, pressure / jnp.where(force > 0, force, 1))
+    return (2 * stiffness / resistivity, solid.contact_modulus * stiffness, current), is_solved
 
 
-def _is_positive(value: Scalar) -> Scalar:
-    return value > 0
-
-
-@partial(program, static_argnums=0)
 def _pressure(kind: Callable[[Any, float], Solid], grid: Mesh, touches: Mask) -> Field:
     """Return the pressure under which the contact points sink by 1, for E* = 1 [1/length]."""
     solid = cast(kind(grid, 1.0).prepared, grid.lengths.dtype)
