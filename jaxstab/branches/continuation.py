@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 from functools import partial
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import equinox as eqx
 import jax
@@ -40,6 +40,7 @@ from jaxstab.core.implicit import refuse_derivatives
 from jaxstab.core.interrupts import early_ends, interrupts_held
 from jaxstab.core.progress import advance_to, progress_bar
 from jaxstab.core.results import RESULTS
+from jaxstab.core.stack import first_entries
 from jaxstab.core.types import ArrayLike, Field, Flag, Scalar
 from jaxstab.core.warn import warn
 from jaxstab.equilibrium import (
@@ -228,7 +229,17 @@ def _known_branch(number: int, fields: bool, *inputs: PyTree) -> Branch:
         warn(f"The branch was interrupted after {states}.", PathInterrupted)
         recording.search = replace(recording.search, result=RESULTS.interrupted)
     with interrupts_held():
-        return _branch(problem, recording.search, *recording.rows(record.event))
+        entries, turns = recording.rows(record.event)
+        found = _branch(problem, recording.search, recording.table())
+        number = len(recording.states)
+        load = first_entries(found.load, number)
+        states = first_entries(found.equilibrium, number)
+        index = first_entries(found.index, number)
+        gap = None
+        if fields:
+            gap = entries.point.gap
+        states = replace(states, gap=gap)
+        return replace(found, load=load, equilibrium=states, index=index, turns=turns)
 
 
 @program
@@ -239,16 +250,18 @@ def _branch_with_room(room: Room, *inputs: PyTree) -> Branch:
     branch, tables = _follow(problem, branch, room(record).append(branch, record))
     is_cut = branch.is_on & tables.events.is_full & ~tables.states.is_full
     branch = replace(branch, result=RESULTS.where(is_cut, RESULTS.store_full, branch.result))
-    return _branch(problem, branch, tables.states.rows, tables.events.rows)
+    found = _branch(problem, branch, tables.states.rows)
+    return replace(found, turns=tables.events.rows)
 
 
-def _branch(
-    problem: ContinuationProblem, branch: BranchState, entries: Entry, turns: Turn
-) -> Branch:
+@program
+def _branch(problem: ContinuationProblem, branch: BranchState, entries: Entry) -> Branch:
+    """Return the branch through its states, without its turns."""
     is_unclear = (branch.end == ENDS.lost) | (branch.end == ENDS.uncertain)
     result = RESULTS.where(is_unclear, RESULTS.lost_branch, branch.result)
     load, states = states_along(problem.curve.contact, problem.curve.load, entries.point)
-    return Branch(load, states, entries.index, turns, branch.end, result)
+    none: Any = None
+    return Branch(load, states, entries.index, none, branch.end, result)
 
 
 def _describe(load: Load, branch: Branch) -> str:

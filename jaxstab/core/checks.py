@@ -254,7 +254,8 @@ def positive_parameter(value: object, name: str) -> Float[Array, "..."]:
     """Return a parameter that must be positive; NaN where it is traced and is not."""
     number = parameter(value, name)
     require_positive(name, number)
-    return possible(number, number > 0)
+    # NumPy compiles nothing.
+    return possible(number, concrete(number) > 0)
 
 
 def positive_scalar(value: ArrayLike, name: str) -> Scalar:
@@ -268,7 +269,7 @@ def nonnegative_parameter(value: object, name: str) -> Float[Array, "..."]:
     known = concrete(number)
     finite = (known >= 0) & (known < np.inf)
     require(name, known, finite, "it must be finite and not negative.")
-    return possible(number, number >= 0)
+    return possible(number, known >= 0)
 
 
 def where_known(check: Callable[Given, None]) -> Callable[Given, None]:

@@ -14,6 +14,8 @@ from tqdm import tqdm
 from jaxstab.contact import Contact, require_same_contact
 from jaxstab.contact.resolution import FOR_JUMPS, warn_if_coarse
 from jaxstab.core.checks import (
+    array,
+    cast,
     concrete,
     integer,
     is_transformed,
@@ -24,6 +26,7 @@ from jaxstab.core.checks import (
     scalar_parameter,
 )
 from jaxstab.core.compile import own_conventions, program
+from jaxstab.core.control_flow import cond
 from jaxstab.core.implicit import attach, no_derivatives
 from jaxstab.core.interrupts import early_ends, interrupts_after, interrupts_held
 from jaxstab.core.progress import progress_bar
@@ -125,7 +128,7 @@ def evolve(
     require_same_machine(load)
     if rtol is None:
         rtol = RTOL[instants.dtype.name]
-    tolerance = scalar_parameter(rtol, "rtol").astype(instants.dtype)
+    tolerance = cast(scalar_parameter(rtol, "rtol"), instants.dtype)
     tolerance = positive_parameter(tolerance, "rtol")
     room = integer("max_steps", max_steps)
     require("max_steps", room, room > 0, "it must be positive.")
@@ -159,8 +162,8 @@ def evolve(
             has_jumped = np.asarray(evolution.jump_losses) > 0
             evolution = replace(
                 evolution,
-                jump_times=evolution.jump_times[has_jumped],
-                jump_losses=evolution.jump_losses[has_jumped],
+                jump_times=array(np.asarray(evolution.jump_times)[has_jumped]),
+                jump_losses=array(np.asarray(evolution.jump_losses)[has_jumped]),
             )
     if interrupts and len(evolution) == len(instants):
         warn("The evolution was interrupted after its last time; it is complete.", PathInterrupted)
@@ -181,6 +184,12 @@ def _require_value_at_each_time(load: Load, times: Any) -> None:
     require("A time after the first", times[1:], times[1:] > times[:-1], cure)
 
 
+@program
+def _endless_step(times: Array) -> Scalar:
+    """Return a step so long that it leaves the relaxed solid."""
+    return times[-1] / jnp.finfo(times.dtype).eps ** 2
+
+
 def _start(problem: Posed[Load], initial: Any) -> StepRecord:
     """Return the record at the first time."""
     contact = problem.contact
@@ -197,16 +206,14 @@ def _start(problem: Posed[Load], initial: Any) -> StepRecord:
             held = initial.load.in_units_of(problem.unit)
         solid: Any = contact.solid
         gap = start_of(relaxed_contact(contact), held, initial)
-        strains = jnp.zeros((1 + solid.times.size, *contact.grid.shape), dtype)
-        # A step that takes for ever leaves the relaxed solid.
-        long = solid.times[-1] / jnp.finfo(dtype).eps ** 2
-        rest = first_record(contact, held, Internal(gap, strains), long)
+        strains = array(np.zeros((1 + solid.times.size, *contact.grid.shape)), dtype)
+        rest = first_record(contact, held, Internal(gap, strains), _endless_step(solid.times))
         memory = rest.internal
         result = rest.result
     # It responds to the load at once.
-    start = first_record(contact, load, memory, jnp.zeros((), dtype))
+    start = first_record(contact, load, memory, array(0, dtype))
     is_found = result == RESULTS.successful
-    return replace(start, result=RESULTS.where(is_found, start.result, result))
+    return replace(start, result=cond(is_found, lambda: start.result, lambda: result))
 
 
 def _leg_by_leg(

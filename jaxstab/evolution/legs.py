@@ -12,6 +12,7 @@ from jaxtyping import Array, Float, Int
 
 from jaxstab.contact import Contact
 from jaxstab.core.accuracy import rounding_of_numbers
+from jaxstab.core.checks import array
 from jaxstab.core.compile import program
 from jaxstab.core.control_flow import by_entries, choose
 from jaxstab.core.results import RESULTS
@@ -103,8 +104,9 @@ def legs_between(times: Any, loads: Any) -> Leg:
 def no_increments(max_steps: int, dtype: Any) -> Table[Increment]:
     """Return a table of increments with room for a number of steps."""
     # A jump takes two entries.
-    column = jnp.zeros(max_steps + 1, dtype)
-    return Table(Increment(column.astype(int), *[column] * 4), jnp.array(0))
+    zeros = np.zeros(max_steps + 1)
+    column = array(zeros, dtype)
+    return Table(Increment(array(zeros, int), *[column] * 4), array(0))
 
 
 def along(column: Float[Array, " times"], leg: Int[Array, "..."] | int, fraction: Array) -> Array:

@@ -6,14 +6,12 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Array, Bool
 
 from jaxstab.branches.barrier_law import BarrierLaw, barrier_law
 from jaxstab.branches.limit import Limit, limit_ahead
 from jaxstab.contact import Contact
 from jaxstab.core.accuracy import rounding_of_numbers
-from jaxstab.core.checks import concrete
 from jaxstab.core.compile import in_pieces, program
 from jaxstab.core.control_flow import by_entries, cond
 from jaxstab.core.results import RESULTS
@@ -28,9 +26,6 @@ from jaxstab.loads import Load
 from jaxstab.states.kinds import KINDS
 from jaxstab.states.point import PathPoint, states_along
 from jaxstab.states.record import Record, Recording, Room
-
-# Tables of states have multiples of this size, so that one program serves many lengths.
-_ROOM = 1024
 
 
 def with_jump(load_path: LoadPath, record: Record) -> Record:
@@ -63,24 +58,13 @@ def path_of(
 ) -> Path:
     """Return the path of a recording, and how it ended."""
     progress = recording.search
-    number = len(recording.states)
 
     def no_jump() -> Jump:
         return _jump(load_path.contact, load_path.load, no_event(progress.here))
 
     points, jumps = recording.rows(jax.eval_shape(no_jump))
-    room = _ROOM * max(-(-number // _ROOM), 1)
-
-    def in_room(rows: Array) -> np.ndarray:
-        # Fields, if there are any, are not needed.
-        known = np.zeros((number, 0))
-        if rows.ndim == 1:
-            known = concrete(rows)
-        rest = np.full((room - number, *known.shape[1:]), np.nan, known.dtype)
-        return np.concatenate([known, rest])
-
-    along = jax.tree.map(in_room, points)
-    path = _path(load_path, progress.here, recording.last.gap, result, along)
+    number = len(recording.states)
+    path = _path(load_path, progress.here, recording.last.gap, result, recording.table())
     load, states = (first_entries(part, number) for part in (path.load, path.equilibrium))
     gaps = None
     if recording.fields:

@@ -22,6 +22,9 @@ from jaxstab.core.stack import stack_of
 from jaxstab.core.table import Table
 from jaxstab.core.types import Flag
 
+# Tables of known states have multiples of this size, so that one program serves many lengths.
+_ROOM = 1024
+
 State = TypeVar("State")
 Event = TypeVar("Event")
 Search = TypeVar("Search")
@@ -90,6 +93,25 @@ class Recording(Generic[Search, State, Event]):
     def rows(self, like: Event) -> tuple[State, Event]:
         """Return the states and the events along a leading axis; `like` gives an event's shapes."""
         return stack_of(self.states, self.states[0]), stack_of(self.events, like)
+
+    def table(self) -> State:
+        """Return the numbers of the states, without fields, in room for more states.
+
+        In the room that is left numbers are NaN, and integers zero.
+        """
+        number = len(self.states)
+        room = _ROOM * max(-(-number // _ROOM), 1)
+
+        def column(*leaves: Any) -> np.ndarray:
+            known = np.zeros((number, 0))
+            if leaves[0].ndim == 0:
+                known = np.stack([concrete(leaf) for leaf in leaves])
+            left = np.zeros((room - number, *known.shape[1:]), known.dtype)
+            if left.dtype.kind == "f":
+                left[:] = np.nan
+            return np.concatenate([known, left])
+
+        return jax.tree.map(column, *self.states)
 
     def _compact(self, leaf: Any) -> Any:
         if leaf.ndim == 0:

@@ -27,7 +27,7 @@ from jaxstab.branches.branch_steps import BranchState, begin, goes_apart, next_s
 from jaxstab.branches.curve import ContinuationProblem
 from jaxstab.contact import Contact
 from jaxstab.core.accuracy import EQUILIBRIUM
-from jaxstab.core.checks import array
+from jaxstab.core.checks import array, concrete
 from jaxstab.core.compile import program
 from jaxstab.core.progress import advance_if_known
 from jaxstab.core.results import RESULTS
@@ -98,7 +98,7 @@ def climbs_on_branch(
     for count, (branch, is_at_load) in enumerate(branches, 1):
         gap = branch.step.here.at.gap
         is_apart = branch.end == ENDS.separated
-        if is_apart or (is_at_load and branch.step.index == 1):
+        if is_apart or (is_at_load and concrete(branch.step.index) == 1):
             if is_apart:
                 saddle, minima = _separation(contact, load, gap)
             else:
@@ -289,7 +289,7 @@ class _Ways:
     def _climb(self, state: int, over: BranchPass) -> Climb:
         minimum = self._minima[state]
         energy = _image(*self._inputs, minimum.gap).energy
-        return Climb(minimum, over, float(over.saddle.energy - energy))
+        return Climb(minimum, over, float(over.saddle.energy) - float(energy))
 
     def _number_of(self, side: Equilibrium) -> int:
         """Return the number of a state beside a saddle."""

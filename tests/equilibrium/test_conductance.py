@@ -5,6 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from problems import state_of
+from programs import compilations
 
 import jaxstab as js
 
@@ -33,6 +34,13 @@ def test_a_disc_conducts_as_holm_says():
         errors.append(abs(found.conductance / (4 * radius / 3) - 1))
     assert errors[1] < errors[0] < 1e-2
     assert errors[1] < 2.5e-3
+
+
+def test_it_is_one_program():
+    contact, state = touching(disc(8, 0.3))
+    with compilations() as compiled:
+        js.conductance(contact, state)
+    assert compiled == ["jit(_conductance)"]
 
 
 @pytest.mark.parametrize(
