@@ -64,7 +64,7 @@ def hessian(K: FieldMap, curvature: Field, field: Field) -> Field:
 
 
 def reaction(net: Field, gap: Field) -> Field:
-    """Return mu = p + f'(g) in contact, zero elsewhere (9), from the net pressure [pressure]."""
+    """Return mu, the net pressure K u + p0 + f'(g) in contact, zero elsewhere (9) [pressure]."""
     return jnp.where(gap > 0, 0, net)
 
 

@@ -174,13 +174,13 @@ def _checksums(arrays: dict[str, np.ndarray], attributes: dict[str, str]) -> dic
 
 
 def _damaged_parts(arrays: dict[str, np.ndarray], attributes: dict[str, str]) -> list[str]:
-    """Return the parts of a file whose checksums are not those that were written."""
+    """Return the parts of a file that are lost, or whose checksums are not those written."""
     try:
         written = json.loads(attributes["checksums"])
     except (KeyError, json.JSONDecodeError):
         return ["checksums"]
     found = _checksums(arrays, attributes)
-    return [name for name in found if name in written and written[name] != found[name]]
+    return [name for name in written if found.get(name) != written[name]]
 
 
 def _encoding(dataset: xarray.Dataset) -> dict[Hashable, dict[str, object]]:

@@ -1,4 +1,4 @@
-"""A step along a load path: its target, its meaning, and the state after it.
+"""A step along a load path, judged: whether it stayed on the branch or jumped; the bisection then.
 
 A step is one of the load, from a prediction by the two states before. On a branch the potential
 E + W, with W the energy of the load, changes by the work of the load: dE + dW = F dl. A step whose

@@ -88,7 +88,7 @@ def save(
 
 
 def new_file(file: str | Path, endings: Collection[str], overwrite: bool) -> Path:
-    """Return the path of a file that may be written, whose ending must be one of some."""
+    """Check that a file may be written and has one of the endings, and return its path."""
     path = Path(file)
     if path.suffix[1:].lower() not in endings:
         known = ", ".join(f".{ending}" for ending in sorted(endings))

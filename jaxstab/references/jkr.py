@@ -290,6 +290,6 @@ def _where_zero(
 ) -> SphereState:
     """Return the state where f + k d is zero, both functions of A^(3/2) in units of `Scales`."""
     unit = units(*sphere)
-    dead, held = spring_weights(stiffness, unit)
-    root = bisect(lambda root: dead * f(root) + held * d(root), *between)
+    of_force, of_displacement = spring_weights(stiffness, unit)
+    root = bisect(lambda root: of_force * f(root) + of_displacement * d(root), *between)
     return curve(np.cbrt(root**2) * unit.contact_radius, *sphere)

@@ -160,14 +160,17 @@ def pull_off(
         stiffness: k of the spring [force/length].
     """
     unit, parameter = _scales(radius, contact_modulus, work_of_adhesion, strength)
-    dead, held = jkr.spring_weights(stiffness, unit)
-    width = bisect(lambda width: -_slope(*_radii(width, parameter), parameter, dead, held), *_FOLDS)
+    of_force, of_displacement = jkr.spring_weights(stiffness, unit)
+    width = bisect(
+        lambda width: -_slope(*_radii(width, parameter), parameter, of_force, of_displacement),
+        *_FOLDS,
+    )
     in_contact = _in_contact(*_radii(width, parameter), parameter)
 
     # F + k d without contact is a parabola in c; its lowest point is the fold if it is reached.
-    curvature = held - np.pi * parameter * dead
+    curvature = of_displacement - np.pi * parameter * of_force
     bends_up = curvature > 0
-    outer = held * 8 * parameter / (3 * np.pi) / np.where(bends_up, curvature, 1)
+    outer = of_displacement * 8 * parameter / (3 * np.pi) / np.where(bends_up, curvature, 1)
     is_apart = bends_up & (outer < _first_outer(parameter))
     both = zip(_without_contact(outer, parameter), in_contact, strict=True)
     return _with_units(unit, *(np.where(is_apart, *fields) for fields in both))
@@ -197,20 +200,26 @@ def _radii(width: Array, parameter: Array) -> tuple[Array, Array]:
     return ratio, n * ratio
 
 
-def _slope(ratio: Array, n: Array, parameter: Array, dead: Array, held: Array) -> Array:
-    """Return d(dead F + held d)/dA along the branch, without a positive factor."""
+def _slope(
+    ratio: Array, n: Array, parameter: Array, of_force: Array, of_displacement: Array
+) -> Array:
+    """Return d(x F + y d)/dA along the branch of equilibria, without a positive factor.
+
+    x and y are `spring_weights`. Suffixes `_by_a` and `_by_n` are derivatives with respect to A and
+    N: of the gap at c, which is the same all along the branch, and of x F + y d.
+    """
     c = np.hypot(ratio, n)
     t = np.arctan2(n, ratio)
     sine = n / c
     cosine = ratio / c
-    # The gap at c is the same all along: its derivatives give dN / dA = -by_contact / by_width.
-    by_contact = parameter * ratio * (sine * cosine - t)
-    by_contact = by_contact - 4 / 3 * parameter**2 * sine**2 * cosine / (1 + cosine)
-    by_width = parameter * n * (sine * cosine + t)
-    by_width = by_width + 4 / 3 * parameter**2 * (t + sine * cosine - sine)
-    along_contact = dead * (3 * ratio**2 - 2 * parameter * ratio * t) + 2 * held * ratio
-    along_width = -2 * dead * parameter * (ratio + n * t) - 4 / 3 * held * parameter
-    return along_contact * by_width - along_width * by_contact
+    # dN / dA = -gap_by_a / gap_by_n.
+    gap_by_a = parameter * ratio * (sine * cosine - t)
+    gap_by_a = gap_by_a - 4 / 3 * parameter**2 * sine**2 * cosine / (1 + cosine)
+    gap_by_n = parameter * n * (sine * cosine + t)
+    gap_by_n = gap_by_n + 4 / 3 * parameter**2 * (t + sine * cosine - sine)
+    load_by_a = of_force * (3 * ratio**2 - 2 * parameter * ratio * t) + 2 * of_displacement * ratio
+    load_by_n = -2 * of_force * parameter * (ratio + n * t) - 4 / 3 * of_displacement * parameter
+    return load_by_a * gap_by_n - load_by_n * gap_by_a
 
 
 def _in_contact(ratio: Array, n: Array, parameter: Array) -> DugdaleState:

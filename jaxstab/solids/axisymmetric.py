@@ -325,6 +325,7 @@ def _nonzero(stiffnesses: Float[Array, " rings"]) -> Float[Array, " rings"]:
 
 @program
 def _scaled_modes(rings: Rings, modulus: Scalar, of_unit_disc: dict[str, Any]) -> Modes:
+    """Return the `Modes` on rings from the parts of those on the unit disc for E* = 1."""
     factor = modulus / rings.radius
     parts = {name: jnp.asarray(part, factor.dtype) for name, part in of_unit_disc.items()}
     return Modes(grid=rings, **parts).scaled(factor)

@@ -1,6 +1,6 @@
 """Spaces and cones of perturbations, and the projections onto them.
 
-V0+ holds the perturbations of zero mean that do not open into the surface where it is touched:
+V0+ holds the perturbations of zero mean that do not penetrate the surface where it is touched:
 x >= 0 at the points in contact (Rey & Bleyer, eq. 18). The critical cone is smaller: x = 0 where
 contact presses, since lifting off there costs energy at first order.
 """

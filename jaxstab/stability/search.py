@@ -1,7 +1,7 @@
 """The three smallest eigenvalues of an equilibrium: on all perturbations and on both cones.
 
 Each cone is searched from the lowest modes of the linear space around it, its hull. Without contact
-all three eigenvalues are one. Where every contact point presses, the critical cone is a linear
+all three eigenvalues coincide. Where every contact point presses, the critical cone is a linear
 space.
 """
 

@@ -28,8 +28,9 @@ from jaxstab.transitions.pass_to_detached import largest_climb
 _MAX_PASSES = 40
 # A jump within this part of the pull-off is the detachment. Paths go on beyond it by as much.
 SAME_LOAD = 1e-3
-# The error of a cubic over a part of an interval is at most this part of what one over the whole
-# missed at the pass between: the value, and the slope times the length of the part.
+# A new pass divides an interval. It tells by how much the cubic over the whole interval missed it,
+# in value and in slope times the length of the part. The error of the cubic over that part is
+# taken as a quarter of this; an error of fourth order falls to a sixteenth, which is less.
 _OF_MISSED = 0.25
 # An interval is divided at this part of it at least.
 _LEAST_PART = 0.1

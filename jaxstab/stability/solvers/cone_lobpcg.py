@@ -160,8 +160,17 @@ def _begin(start: Field) -> Iteration[_ConeState]:
     return Iteration(state, unknown, none, RESULTS.max_steps_reached, history)
 
 
-class _Plane(eqx.Module):
-    """The lowest Ritz vector around a point: as much of the point, and as much of the others."""
+class _RitzVector(eqx.Module):
+    """The lowest Ritz vector spanned by a point x, its preconditioned residual and the last move.
+
+    Attributes:
+        basis: the three vectors.
+        products: the products of the operator with them.
+        gram: their inner products.
+        stays: the component along x, in the basis.
+        moves: the other components; `at(length)` is x's plus `length` times these, normalised.
+        is_rough: whether combined products have no digits left.
+    """
 
     basis: list[Field]
     products: list[Field]
@@ -171,8 +180,8 @@ class _Plane(eqx.Module):
     is_rough: Flag
 
     @classmethod
-    def around(cls, problem: Eigenproblem, point: _Point, state: _ConeState) -> "_Plane":
-        """Return it from the point, its preconditioned residual, and the last move."""
+    def around(cls, problem: Eigenproblem, point: _Point, state: _ConeState) -> "_RitzVector":
+        """Return the Ritz vector around a point of the search."""
         operator = problem.operator
         cone = problem.domain
         face = cone.face(jnp.maximum(point.mode, state.descended))
@@ -219,7 +228,7 @@ def _lower(problem: Eigenproblem, state: _ConeState) -> _ConeState:
         lambda: _Point.at(operator, model.onto_sphere(state.descended)),
         lambda: state.point,
     )
-    plane = _Plane.around(problem, point, state)
+    plane = _RitzVector.around(problem, point, state)
 
     def attempt(trial: _ConeTrial) -> _ConeTrial:
         part = plane.at(trial.length)
@@ -257,7 +266,7 @@ def _tried_once(problem: Eigenproblem, state: _ConeState) -> _ConeState:
     """Return a start after one length of a step, or after all at the descended vector."""
     operator = problem.operator
     cone = problem.domain
-    plane = _Plane.around(problem, state.point, state)
+    plane = _RitzVector.around(problem, state.point, state)
     length = 3.0 ** -jnp.maximum(state.num_failures, 0).astype(state.move.dtype)
     vector = combination(plane.at(length), plane.basis)
     # On the cone already, its zeros stay zero: rounding in a projection would open the face there.
