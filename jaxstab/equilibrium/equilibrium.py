@@ -123,8 +123,10 @@ def fields_of(contact: Contact, load: Load, gap: Field) -> tuple[Fields, Field]:
     """
     control = contact.control(load)
     gap = control.restore(gap)
-    net = control.net_pressure(contact.gradient(gap), gap)
-    return fields_at(contact, gap, net, contact.energy(gap)), net
+    pressures = contact.pressures(gap)
+    net = control.net_pressure(pressures.gradient, gap)
+    energy = pressures.energy * contact.grid.cell_area
+    return fields_at(contact, gap, net, energy), net
 
 
 def fields_at(contact: Contact, gap: Field, net: Field, energy: Scalar) -> Fields:
