@@ -149,7 +149,7 @@ def _changes_of_limit(
 
     shift, net_change, moved_change = tangent_of(pressures, (contact, load), changes)
 
-    def moved(direction: Field, system: LinearSystem, is_of_kind: Flag) -> Changes:
+    def changes_along(direction: Field, system: LinearSystem, is_of_kind: Flag) -> Changes:
         # A linear system with a zero right-hand side converges at once.
         unbalanced = jnp.where(is_of_kind & ~is_undefined, net_change, 0)
         work = total(direction * net_rate)
@@ -157,19 +157,21 @@ def _changes_of_limit(
         move = system.differentiable_solution(-unbalanced - change * net_rate)
         return change, move + change * gap_rate
 
-    def folded() -> Changes:
+    def changes_of_fold() -> Changes:
         # The eigenvalue stays zero.
-        change, move = moved(pair.mode, _regular_system(contact, load, gap, pair), ~is_release)
+        change, move = changes_along(
+            pair.mode, _regular_system(contact, load, gap, pair), ~is_release
+        )
         bend = total(slope * pair.mode)
         turned = total(slope * move) + total(pair.mode * moved_change)
         along = jnp.where(is_undefined, 0, turned) / jnp.where(bend == 0, 1, bend)
         return change, move - along * pair.mode
 
-    def released() -> Changes:
+    def changes_of_release() -> Changes:
         direction = opening(contact, load, gap, limit.point)
-        return moved(direction, free_system(contact, control, gap), is_release)
+        return changes_along(direction, free_system(contact, control, gap), is_release)
 
-    change, move = choose(is_release, released(), folded())
+    change, move = choose(is_release, changes_of_release(), changes_of_fold())
     return (change, shift + move), is_undefined
 
 

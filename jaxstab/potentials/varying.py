@@ -103,12 +103,12 @@ class Scaled(eqx.Module):
 def everywhere(potential: Potential) -> Potential:
     """Return a law without its restriction to a mask."""
 
-    def unrestricted(node: PyTree) -> PyTree:
+    def law_everywhere(node: PyTree) -> PyTree:
         if isinstance(node, Within):
             return node.law
         return node
 
-    return jax.tree.map(unrestricted, potential, is_leaf=lambda node: isinstance(node, Within))
+    return jax.tree.map(law_everywhere, potential, is_leaf=lambda node: isinstance(node, Within))
 
 
 def varying_fields(potential: Potential) -> list[Array]:
@@ -126,14 +126,14 @@ def by_points(potential: Potential) -> tuple[list[Array], Callable[[Sequence[Arr
 
     def varies(node: PyTree) -> PyTree:
         if isinstance(node, Within):
-            return replace(node, law=flagged(node.law), is_there=True)
+            return replace(node, law=flags_of(node.law), is_there=True)
         is_varying = isinstance(node, Varying)
         return jax.tree.map(lambda leaf: is_varying and jnp.ndim(leaf) > 0, node)
 
-    def flagged(node: PyTree) -> PyTree:
+    def flags_of(node: PyTree) -> PyTree:
         return jax.tree.map(varies, node, is_leaf=lambda node: isinstance(node, Varying | Within))
 
-    flags = flagged(potential)
+    flags = flags_of(potential)
     leaves, structure = jax.tree.flatten(potential)
     is_field = jax.tree.leaves(flags)
 

@@ -47,7 +47,7 @@ def clusters_of(
     parts, number = found
     if not is_periodic:
         return Clusters(parts, number, _reaching(parts, number))
-    whole, spans = _joined(number, list(_joins(parts, reach > 1)), mask.ndim)
+    whole, spans = _join(number, list(_joins(parts, reach > 1)), mask.ndim)
     return Clusters(np.append(0, whole)[parts], len(spans), spans)
 
 
@@ -80,7 +80,7 @@ def _joins(parts: Int[np.ndarray, " *grid"], with_corners: bool) -> Iterator[_Jo
                 yield one - 1, other - 1, tuple(cells)
 
 
-def _joined(
+def _join(
     number: int, joins: list[_Join], num_sides: int
 ) -> tuple[Int[np.ndarray, " parts"], Bool[np.ndarray, "clusters sides"]]:
     """Return the cluster of each part, from 1 on, and where the clusters span the cell."""

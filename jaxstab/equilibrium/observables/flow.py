@@ -92,7 +92,7 @@ def flows(
         step = spacing[side] / spacing[0]
         start = np.zeros_like(links)
         start[side] = links[side] * step
-        moved, flux = _balanced(links, start, solve, is_cell)
+        moved, flux = _balance(links, start, solve, is_cell)
         _require_bounds(links, moved, flux, side, step)
         places = np.arange(faces.shape[1 + side]) * spacing[side]
         shape = [1] * (faces.ndim - 1)
@@ -112,7 +112,7 @@ def _outflow(flux: _Faces) -> _Field:
     return sum((x - np.roll(x, 1, side) for side, x in enumerate(flux)), np.zeros(()))
 
 
-def _balanced(
+def _balance(
     links: _Faces, flux: _Faces, solve: _Solve, is_cell: Bool[np.ndarray, " *grid"]
 ) -> tuple[_Field, _Faces]:
     """Return the pressure drops beside a uniform one, and the fluxes, balanced."""

@@ -235,12 +235,12 @@ def _lower(problem: Eigenproblem, state: _ConeState) -> _ConeState:
         vector = combination(part, plane.basis)
         is_new = plane.is_rough | jnp.any(cone.one_sided & (vector < 0))
 
-        def projected() -> tuple[Array, Array]:
+        def project() -> tuple[Array, Array]:
             mode = model.onto_sphere(cone.project(vector))
             return mode, operator(mode)
 
         mode, product = jax.lax.cond(
-            is_new, projected, lambda: (vector, combination(part, plane.products))
+            is_new, project, lambda: (vector, combination(part, plane.products))
         )
         tried, is_lower = _compare(point, mode, product)
         return _ConeTrial(
