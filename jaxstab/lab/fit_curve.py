@@ -112,8 +112,8 @@ def fit_curve(
     """
     if not isinstance(curve, js.lab.force_curves.ForceCurve):
         raise TypeError(
-            f"The curve is a {type(curve)}: give a ForceCurve, as "
-            "jaxstab.lab.force_curves.read returns it, one of several by its number."
+            f"The curve is a {type(curve).__name__}: give a ForceCurve, as "
+            "jaxstab.lab.force_curves.read returns it; jaxstab.lab.fit_each fits several."
         )
     if not isinstance(tip, Tip | FlatPunch):
         raise TypeError(
