@@ -55,12 +55,12 @@ from jaxstab.equilibrium.start import start_of
 from jaxstab.loads import Load
 from jaxstab.states.kinds import ENDS
 from jaxstab.states.point import states_along
-from jaxstab.states.record import Record, Recording, Room, Tables
+from jaxstab.states.record import Record, RecordList, Room, Tables
 from jaxstab.states.sequence import PathInterrupted
 
 # Turns that there is room for under JAX transformations.
 _MAX_TURNS = 16
-Store = TypeVar("Store", Recording[BranchState, Entry, Turn], Tables[Entry, Turn])
+Store = TypeVar("Store", RecordList[BranchState, Entry, Turn], Tables[Entry, Turn])
 
 
 def continuation(
@@ -220,7 +220,7 @@ def _next_new_state(problem: ContinuationProblem, branch: BranchState) -> Branch
 def _known_branch(number: int, fields: bool, *inputs: PyTree) -> Branch:
     """Return a branch to its end, or until interrupted."""
     problem, branch, record = _first_record(*inputs)
-    recording: Recording[BranchState, Entry, Turn] = Recording(fields, number)
+    recording: RecordList[BranchState, Entry, Turn] = RecordList(fields, number)
     recording.append(branch, record)
     try:
         _follow(problem, branch, recording)

@@ -41,7 +41,7 @@ from jaxstab.loading.path import Jump, Path
 from jaxstab.loading.recorded_path import path_of, path_with_room, with_jump
 from jaxstab.loads import Load, require_load, require_same_machine
 from jaxstab.states.point import PathPoint
-from jaxstab.states.record import Recording, Room
+from jaxstab.states.record import RecordList, Room
 from jaxstab.states.sequence import PathInterrupted
 
 # Jumps are located by default from this loss: over the problem's characteristic energy, and over
@@ -180,7 +180,7 @@ def _with_derivatives(path: Path, inputs: tuple[Contact, Load], others: tuple) -
 def _known_path(fields: bool, load_path: LoadPath, start: Field) -> Path:
     """Return the path to the end, or until interrupted."""
     load = load_path.load
-    recording: Recording[Progress, PathPoint, Jump] = Recording(fields)
+    recording: RecordList[Progress, PathPoint, Jump] = RecordList(fields)
     was_interrupted = False
     try:
         step_to_end(load_path, start, lambda _: recording, partial(with_jump, load_path))

@@ -25,7 +25,7 @@ from jaxstab.loading.path import Jump, Path
 from jaxstab.loads import Load
 from jaxstab.states.kinds import KINDS
 from jaxstab.states.point import PathPoint, states_along
-from jaxstab.states.record import Record, Recording, Room
+from jaxstab.states.record import Record, RecordList, Room
 
 
 def with_jump(load_path: LoadPath, record: Record) -> Record:
@@ -54,7 +54,7 @@ def path_with_room(room: Room, load_path: LoadPath, start: Field) -> Path:
 
 
 def path_of(
-    load_path: LoadPath, recording: Recording[Progress, PathPoint, Jump], result: RESULTS
+    load_path: LoadPath, recording: RecordList[Progress, PathPoint, Jump], result: RESULTS
 ) -> Path:
     """Return the path of a recording, and how it ended."""
     progress = recording.search

@@ -3,7 +3,7 @@
 1. A step makes a `Record`: of the state that it has led to, if that is a new one, and of the event
    on the way there, if there is one.
 2. A store takes the records in order, by `append`, until it is full. Outside of a trace, where a
-   search has as many states as it needs, that is a `Recording`; within a program it is `Tables`,
+   search has as many states as it needs, that is a `RecordList`; within a program it is `Tables`,
    made by `Room`, of a bounded size.
 """
 
@@ -46,7 +46,7 @@ class Record(eqx.Module, Generic[State, Event]):
     is_event: Flag
 
 
-class Recording(Generic[Search, State, Event]):
+class RecordList(Generic[Search, State, Event]):
     """The states and events of a search outside of a trace.
 
     Attributes:
@@ -75,7 +75,7 @@ class Recording(Generic[Search, State, Event]):
 
     def append(
         self, search: Search, record: Record[State, Event]
-    ) -> "Recording[Search, State, Event]":
+    ) -> "RecordList[Search, State, Event]":
         """Append what a step has recorded, all of it or, where it is interrupted, nothing."""
         is_state = bool(record.is_state)
         is_event = bool(record.is_event)

@@ -16,7 +16,7 @@ import jaxstab as js
 from jaxstab.core.interrupts import interrupts_held
 from jaxstab.loading import recorded_path
 from jaxstab.states.point import PathPoint
-from jaxstab.states.record import Recording
+from jaxstab.states.record import RecordList
 
 
 @pytest.mark.nightly
@@ -108,7 +108,7 @@ def test_an_interrupt_at_any_line_leaves_whole_records(tmp_path):
     turns = js.MeanGap(jnp.array([0.4, 0.01, 0.4]))
     whole = js.follow(contact, turns, fields=True)
     first = int(whole.jumps.state[0])
-    code, lines = Recording.append.__code__, []
+    code, lines = RecordList.append.__code__, []
     # That of a measurement of coverage, if there is one.
     tracer = sys.gettrace()
 
