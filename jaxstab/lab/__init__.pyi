@@ -2,6 +2,7 @@ from . import force_curves
 from .fit import FitErrors, ForceCurveFit
 from .fit_curve import fit_curve
 from .fit_each import Fits, fit_each
+from .modulus_over_depth import ModulusOverDepth, modulus_over_depth
 from .report import Wording, report
 from .tips import Cone, FlatPunch, Paraboloid, Pyramid, Sphere, Tip
 
@@ -11,6 +12,7 @@ __all__ = [
     "Fits",
     "FlatPunch",
     "ForceCurveFit",
+    "ModulusOverDepth",
     "Paraboloid",
     "Pyramid",
     "Sphere",
@@ -19,5 +21,6 @@ __all__ = [
     "fit_curve",
     "fit_each",
     "force_curves",
+    "modulus_over_depth",
     "report",
 ]

@@ -94,6 +94,18 @@ class ForceCurveFit:
         """The measured points, in the units of the curve."""
         return getattr(self.curve, self.segment)
 
+    @property
+    def tip_positions(self) -> np.ndarray:
+        """Tip positions of the fitted forces, without noise, in the units of the curve."""
+        assert self.curve.spring_constant is not None
+        return self.points.height + self.forces / self.curve.spring_constant
+
+    @property
+    def depth(self) -> float:
+        """The largest indentation, from the contact point to the deepest tip position [m]."""
+        deepest = float(np.nanmin(self.tip_positions))
+        return self.contact_point - deepest / own_units(self.curve)[0]
+
     def to_dataset(self) -> xarray.Dataset:
         """Return the curve, as its own `to_dataset`, with the fitted forces and all numbers.
 
@@ -158,9 +170,8 @@ class ForceCurveFit:
             axes: the axes to draw on; new ones by default.
         """
         axes = js.plots.force_curve(self.curve, "tip_position", axes=axes)
-        assert self.curve.spring_constant is not None
-        tips = self.points.height + self.forces / self.curve.spring_constant
-        contact = self.contact_point * _own_units(self.curve)[0]
+        tips = self.tip_positions
+        contact = self.contact_point * own_units(self.curve)[0]
         axes.plot(tips, self.forces, color="black", linewidth=1, label="fit")
         axes.axvline(contact, color="grey", linewidth=1, linestyle=":", label="contact point")
         deepest = np.nanmin(tips)
@@ -182,7 +193,7 @@ class ForceCurveFit:
         yield "segment", self.segment
         yield "tip", str(self.tip)
         yield "poisson ratio", f"{self.poisson_ratio:.6g}"
-        length, force = _own_units(self.curve)
+        length, force = own_units(self.curve)
         assert self.curve.spring_constant is not None
         yield "spring constant", f"{self.curve.spring_constant * length / force:.9g} N/m"
 
@@ -200,7 +211,7 @@ class ForceCurveFit:
             ).rstrip()
             for row in rows
         ]
-        by, prefix = _prefix(self.noise)
+        by, prefix = prefixed(self.noise)
         head = (
             f"ForceCurveFit: {self.result.name}, {self.segment}, {self.tip}, misfit "
             f"{self.misfit / self.noise:.2g} times the noise of {self.noise / by:.3g} {prefix}N"
@@ -208,7 +219,7 @@ class ForceCurveFit:
         return "\n".join([head, *lines])
 
 
-def _own_units(curve: js.lab.force_curves.ForceCurve) -> tuple[float, float]:
+def own_units(curve: js.lab.force_curves.ForceCurve) -> tuple[float, float]:
     """Return one metre and one newton in the units of a curve."""
     one = js.lab.force_curves.Segment(np.ones(1), np.ones(1))
     unit = js.lab.force_curves.ForceCurve(one, None).in_units(curve.unit, curve.force_unit)
@@ -217,7 +228,7 @@ def _own_units(curve: js.lab.force_curves.ForceCurve) -> tuple[float, float]:
 
 
 def _rows(fit: ForceCurveFit) -> Iterator[tuple[str, str, str, str, str]]:
-    length, force = _own_units(fit.curve)
+    length, force = own_units(fit.curve)
     names = fit.curve.unit, fit.curve.force_unit
     for name, factor, own in (
         ("youngs_modulus", force / length**2, f"{names[1]}/{names[0]}²"),
@@ -230,7 +241,7 @@ def _rows(fit: ForceCurveFit) -> Iterator[tuple[str, str, str, str, str]]:
         if np.isnan(value):
             yield name, "-", "-", "", ""
             continue
-        by, prefix = _prefix(max(abs(value), np.nan_to_num(error)))
+        by, prefix = prefixed(max(abs(value), np.nan_to_num(error)))
         in_own = f"{value * factor:.5g} ± {error * factor:.2g} {own}"
         if np.isnan(error):
             in_own = f"{value * factor:.5g} {own}"
@@ -238,7 +249,7 @@ def _rows(fit: ForceCurveFit) -> Iterator[tuple[str, str, str, str, str]]:
         yield name, f"{value / by:.5g}", errors, prefix + symbol, in_own
 
 
-def _prefix(value: float) -> tuple[float, str]:
+def prefixed(value: float) -> tuple[float, str]:
     """Return a power of ten near a number, and its prefix."""
     if value == 0 or not np.isfinite(value):
         return 1.0, ""

@@ -1,0 +1,183 @@
+"""Apparent moduli of ever deeper parts of one approach."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+import jaxstab as js
+from jaxstab.lab.fit import ForceCurveFit, own_units, prefixed
+from jaxstab.lab.fit_curve import fit_curve
+from jaxstab.lab.fit_each import Fits, fit_each
+from jaxstab.lab.tips import FlatPunch, Tip
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+# The least depth over the largest, and the fewest points in contact of a fit.
+_LEAST = 0.1
+_FEWEST = 20
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class ModulusOverDepth:
+    """The fits of ever deeper parts of an approach, each from its far end to a depth.
+
+    Attributes:
+        parts: the fits from the shallowest part to the whole, with a reason for each that has
+            failed or is no good description.
+    """
+
+    parts: Fits[ForceCurveFit]
+
+    @property
+    def depths(self) -> np.ndarray:
+        """The largest indentation of each part, from the contact point of its fit [m]."""
+        return self.parts.values(lambda fit: fit.depth)
+
+    @property
+    def youngs_moduli(self) -> np.ndarray:
+        """The apparent modulus of each part, NaN without a fit [Pa]."""
+        return self.parts.values(lambda fit: fit.youngs_modulus)
+
+    @property
+    def errors(self) -> np.ndarray:
+        """Their standard errors [Pa]."""
+        return self.parts.values(lambda fit: fit.errors.youngs_modulus)
+
+    @property
+    def statuses(self) -> list[str]:
+        """The status of each fit, or why there is none."""
+        pairs = zip(self.parts.fits, self.parts.reasons, strict=True)
+        return [reason if fit is None else fit.status for fit, reason in pairs]
+
+    def plot(self, axes: Axes | None = None) -> Axes:
+        """Draw the moduli over the depth, with standard errors.
+
+        Open symbols are moduli of fits that are not `successful`.
+
+        Arguments:
+            axes: the axes to draw on; new ones by default.
+        """
+        if axes is None:
+            from matplotlib import pyplot as plt
+
+            axes = plt.figure(layout="constrained").add_subplot()
+        curve = self.parts.curves[0]
+        depths = self.depths * own_units(curve)[0]
+        by, prefix = prefixed(float(np.nanmax(self.youngs_moduli)))
+        moduli, errors = self.youngs_moduli / by, self.errors / by
+        is_good = np.array([fit is not None and _is_good(fit) for fit in self.parts.fits])
+        for chosen, face, label in (
+            (is_good, "black", "fit"),
+            (~is_good, "white", "fit that does not describe the curve"),
+        ):
+            if chosen.any():
+                axes.errorbar(
+                    depths[chosen],
+                    moduli[chosen],
+                    errors[chosen],
+                    fmt="o",
+                    color="black",
+                    markerfacecolor=face,
+                    capsize=3,
+                    label=label,
+                )
+        axes.set_xlabel(f"indentation depth [{curve.unit}]")
+        axes.set_ylabel(f"Young's modulus [{prefix}Pa]")
+        axes.set_xlim(left=0)
+        axes.set_ylim(bottom=0)
+        if not is_good.all():
+            axes.legend(frameon=False)
+        return axes
+
+    def __repr__(self) -> str:
+        return "\n".join([type(self).__name__, *self._rows()])
+
+    def _rows(self) -> Iterator[str]:
+        curve = self.parts.curves[0]
+        length = own_units(curve)[0]
+        for fit, reason in zip(self.parts.fits, self.parts.reasons, strict=True):
+            if fit is None:
+                yield f"  no fit: {reason}"
+                continue
+            by, prefix = prefixed(fit.youngs_modulus)
+            yield (
+                f"  depth {fit.depth * length:10.4g} {curve.unit}  modulus "
+                f"{fit.youngs_modulus / by:8.4g} ± {fit.errors.youngs_modulus / by:.2g} {prefix}Pa"
+                f"  {fit.result.name}"
+            )
+
+
+def modulus_over_depth(
+    curve: js.lab.force_curves.ForceCurve,
+    tip: Tip | FlatPunch,
+    poisson_ratio: float = 0.5,
+    count: int = 8,
+) -> ModulusOverDepth:
+    """Fit modulus, adhesion and contact point to ever deeper parts of an approach.
+
+    Each part goes from the far end to a depth, and is fitted by `fit_curve` as a homogeneous
+    sample. The depths are in a geometric sequence from a tenth of the largest one, or from the
+    first 20 points in contact. On a homogeneous sample the moduli agree within their errors, which
+    are not independent: deeper parts contain the shallower ones. A modulus that rises with depth is
+    a stiff base below a thin sample, a stiffer interior, or a tip that is blunter than stated.
+
+    The moduli are apparent ones: averages over the volume that is deformed. The parts that are no
+    homogeneous sample may have the result `misfit`; this is not warned of.
+
+    Arguments:
+        curve: the curve, with a spring constant; one that is not corrected is.
+        tip: a `Sphere`, `Paraboloid`, `Cone`, `Pyramid` or `FlatPunch`.
+        poisson_ratio: nu of the sample.
+        count: the number of depths.
+
+    Raises:
+        ValueError: for fewer than two depths, fewer than 40 points in contact, and as `fit_curve`
+            does.
+        TypeError: for something that is no force curve or no tip.
+    """
+    if count < 2:
+        raise ValueError(f"There are {count} depths: give two or more.")
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", js.exceptions.FitWarning)
+        whole = fit_curve(curve, tip, poisson_ratio)
+        # The contact point of a whole that is not homogeneous may be far off.
+        shallow = fit_curve(_parts(whole, whole.contact_point, 2)[0], tip, poisson_ratio)
+    parts = _parts(whole, shallow.contact_point, count)
+    return ModulusOverDepth(fit_each(parts, lambda part: fit_curve(part, tip, poisson_ratio)))
+
+
+def _parts(whole: ForceCurveFit, contact: float, count: int) -> js.lab.force_curves.ForceCurves:
+    """Return ever deeper parts of a fitted approach, given a contact point [m]."""
+    unit = whole.curve.unit
+    own = own_units(whole.curve)[0]
+    below = contact * own - whole.tip_positions
+    in_contact = np.sort(below[below > 0])
+    if in_contact.size < 2 * _FEWEST:
+        raise ValueError(
+            f"The approach has {in_contact.size} points in contact: moduli over the depth need "
+            f"{2 * _FEWEST}. Measure more points, or fit the whole by fit_curve."
+        )
+    deepest = in_contact[-1]
+    depths = np.geomspace(max(_LEAST * deepest, in_contact[_FEWEST - 1]), deepest, count)
+    # Rounding leaves no point of the whole out.
+    depths[-1] = deepest
+    curves = []
+    for depth in depths:
+        is_kept = below <= depth
+        columns = {name: getattr(whole.points, name) for name in ("force", "height", "tip", "time")}
+        kept = {name: x[is_kept] for name, x in columns.items() if x is not None}
+        source = f"{whole.curve.source} to a depth of {depth:.4g} {unit}".strip()
+        approach = replace(whole.points, **kept)
+        ends = {"approach": approach, "retraction": None, "pauses": ()}
+        curves.append(replace(whole.curve, **ends, source=source))
+    return js.lab.force_curves.ForceCurves(tuple(curves))
+
+
+def _is_good(fit: ForceCurveFit) -> bool:
+    return fit.result == js.RESULTS.successful
