@@ -100,12 +100,6 @@ class ForceCurveFit:
         assert self.curve.spring_constant is not None
         return self.points.height + self.forces / self.curve.spring_constant
 
-    @property
-    def depth(self) -> float:
-        """The largest indentation, from the contact point to the deepest tip position [m]."""
-        deepest = float(np.nanmin(self.tip_positions))
-        return self.contact_point - deepest / own_units(self.curve)[0]
-
     def to_dataset(self) -> xarray.Dataset:
         """Return the curve, as its own `to_dataset`, with the fitted forces and all numbers.
 

@@ -28,16 +28,13 @@ class ModulusOverDepth:
     """The fits of ever deeper parts of an approach, each from its far end to a depth.
 
     Attributes:
+        depths: the largest indentation of each part, from the contact point of a shallow part [m].
         parts: the fits from the shallowest part to the whole, with a reason for each that has
             failed or is no good description.
     """
 
+    depths: np.ndarray
     parts: Fits[ForceCurveFit]
-
-    @property
-    def depths(self) -> np.ndarray:
-        """The largest indentation of each part, from the contact point of its fit [m]."""
-        return self.parts.values(lambda fit: fit.depth)
 
     @property
     def youngs_moduli(self) -> np.ndarray:
@@ -101,15 +98,16 @@ class ModulusOverDepth:
     def _rows(self) -> Iterator[str]:
         curve = self.parts.curves[0]
         length = own_units(curve)[0]
-        for fit, reason in zip(self.parts.fits, self.parts.reasons, strict=True):
+        fits, reasons = self.parts.fits, self.parts.reasons
+        for depth, fit, reason in zip(self.depths, fits, reasons, strict=True):
+            place = f"  depth {depth * length:10.4g} {curve.unit}"
             if fit is None:
-                yield f"  no fit: {reason}"
+                yield f"{place}  no fit: {reason}"
                 continue
             by, prefix = prefixed(fit.youngs_modulus)
             yield (
-                f"  depth {fit.depth * length:10.4g} {curve.unit}  modulus "
-                f"{fit.youngs_modulus / by:8.4g} ± {fit.errors.youngs_modulus / by:.2g} {prefix}Pa"
-                f"  {fit.result.name}"
+                f"{place}  modulus {fit.youngs_modulus / by:8.4g} ± "
+                f"{fit.errors.youngs_modulus / by:.2g} {prefix}Pa  {fit.result.name}"
             )
 
 
@@ -123,9 +121,10 @@ def modulus_over_depth(
 
     Each part goes from the far end to a depth, and is fitted by `fit_curve` as a homogeneous
     sample. The depths are in a geometric sequence from a tenth of the largest one, or from the
-    first 20 points in contact. On a homogeneous sample the moduli agree within their errors, which
-    are not independent: deeper parts contain the shallower ones. A modulus that rises with depth is
-    a stiff base below a thin sample, a stiffer interior, or a tip that is blunter than stated.
+    first 20 points in contact, and count from the contact point of such a shallow part. On a
+    homogeneous sample the moduli agree within their errors, which are not independent: deeper parts
+    contain the shallower ones. A modulus that rises with depth is a stiff base below a thin sample,
+    a stiffer interior, or a tip that is blunter than stated.
 
     The moduli are apparent ones: averages over the volume that is deformed. The parts that are no
     homogeneous sample may have the result `misfit`; this is not warned of.
@@ -147,13 +146,16 @@ def modulus_over_depth(
         warnings.simplefilter("ignore", js.exceptions.FitWarning)
         whole = fit_curve(curve, tip, poisson_ratio)
         # The contact point of a whole that is not homogeneous may be far off.
-        shallow = fit_curve(_parts(whole, whole.contact_point, 2)[0], tip, poisson_ratio)
-    parts = _parts(whole, shallow.contact_point, count)
-    return ModulusOverDepth(fit_each(parts, lambda part: fit_curve(part, tip, poisson_ratio)))
+        shallow = fit_curve(_parts(whole, whole.contact_point, 2)[1][0], tip, poisson_ratio)
+    depths, parts = _parts(whole, shallow.contact_point, count)
+    fits = fit_each(parts, lambda part: fit_curve(part, tip, poisson_ratio))
+    return ModulusOverDepth(depths, fits)
 
 
-def _parts(whole: ForceCurveFit, contact: float, count: int) -> js.lab.force_curves.ForceCurves:
-    """Return ever deeper parts of a fitted approach, given a contact point [m]."""
+def _parts(
+    whole: ForceCurveFit, contact: float, count: int
+) -> tuple[np.ndarray, js.lab.force_curves.ForceCurves]:
+    """Return depths and ever deeper parts of a fitted approach, given a contact point [m]."""
     unit = whole.curve.unit
     own = own_units(whole.curve)[0]
     below = contact * own - whole.tip_positions
@@ -176,7 +178,7 @@ def _parts(whole: ForceCurveFit, contact: float, count: int) -> js.lab.force_cur
         approach = replace(whole.points, **kept)
         ends = {"approach": approach, "retraction": None, "pauses": ()}
         curves.append(replace(whole.curve, **ends, source=source))
-    return js.lab.force_curves.ForceCurves(tuple(curves))
+    return depths / own, js.lab.force_curves.ForceCurves(tuple(curves))
 
 
 def _is_good(fit: ForceCurveFit) -> bool:
