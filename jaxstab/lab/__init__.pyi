@@ -1,4 +1,5 @@
 from . import force_curves
+from .contact_points import ContactPoints, contact_points
 from .fit import FitErrors, ForceCurveFit
 from .fit_curve import fit_curve
 from .fit_each import Fits, fit_each
@@ -8,6 +9,7 @@ from .tips import Cone, FlatPunch, Paraboloid, Pyramid, Sphere, Tip
 
 __all__ = [
     "Cone",
+    "ContactPoints",
     "FitErrors",
     "Fits",
     "FlatPunch",
@@ -18,6 +20,7 @@ __all__ = [
     "Sphere",
     "Tip",
     "Wording",
+    "contact_points",
     "fit_curve",
     "fit_each",
     "force_curves",
