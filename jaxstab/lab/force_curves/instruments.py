@@ -2,7 +2,6 @@
 
 import logging
 import warnings
-import zipfile
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -102,10 +101,6 @@ def _reason(path: Path, error: BaseException, is_text: bool) -> str:
     reason = f"afmformats cannot read it: {_said(error)}"
     if path.suffix not in afmformats.formats.supported_extensions:
         reason = f"its suffix {path.suffix!r} is none that afmformats knows, which are {known}."
-    elif zipfile.is_zipfile(path) and path.suffix == ".zip":
-        names = zipfile.ZipFile(path).namelist()
-        if not all(name.endswith(".csv") for name in names):
-            return f"it is an archive of {', '.join(names[:3])}: unpack it, and read what it holds."
     if is_text:
         reason += (
             " Text needs a line that names columns with units, as `height [nm],force [nN]`, above "

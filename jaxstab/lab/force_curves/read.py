@@ -1,16 +1,17 @@
 """Force curves from files."""
 
 import warnings
+import zipfile
+from dataclasses import replace
 from pathlib import Path
 
+from jaxstab.lab.force_curves.archives import WORKSHOP, is_archive, members, unpacked
 from jaxstab.lab.force_curves.curves import ForceCurves, all_of
 from jaxstab.lab.force_curves.force_curve import ForceCurve, ForceCurveWarning
 from jaxstab.lab.force_curves.instruments import read_instrument
 from jaxstab.lab.force_curves.named_columns import is_named_table, read_named_columns
 from jaxstab.surfaces import text_of
 
-# A file of AFM Workshop, which is no table of named columns.
-_WORKSHOP = "Force-Distance Curve"
 _TABLES = (".csv", ".tsv", ".dat")
 
 
@@ -32,6 +33,9 @@ def read(
     `segment` (names or numbers), `curve` (names or numbers) and `x`, `y`. Comments state
     `# spring constant: 0.2 N/m` and `# sensitivity: 50 nm/V`. Empty cells and nan are missing
     points. Times that begin anew at zero in each segment are joined to one clock.
+
+    A `.zip` archive is read as one file with the curves of all files in it, up to two gigabytes. A
+    file that holds no curve, as one with notes, is left out with a warning that names it.
 
     Arguments:
         path: the file.
@@ -77,6 +81,23 @@ def _curves(
     """Return the curves of a file, and how many it holds with those that are left out."""
     if not path.is_file():
         raise ValueError("this is no file.")
+    if is_archive(path):
+        curves, failed = _of_archive(path, spring_constant, sensitivity)
+    else:
+        curves, failed = _of_file(path, spring_constant, sensitivity)
+    if not curves:
+        raise ValueError(failed[0] if failed else "the archive holds no file.")
+    count = len(curves) + len(failed)
+    if failed:
+        text = all_of("are left out", failed, count)
+        warnings.warn(text, ForceCurveWarning, stacklevel=3)
+    return curves, count
+
+
+def _of_file(
+    path: Path, spring_constant: float | None, sensitivity: float | None
+) -> tuple[ForceCurves, list[str]]:
+    """Return the curves of a file, and why others are none."""
     content = path.read_bytes()
     if not content:
         raise ValueError("the file is empty.")
@@ -95,15 +116,41 @@ def _curves(
             curves.append(recording.curve())
         except ValueError as error:
             failed.append(f"{recording.source}: {error}")
-    if not curves:
-        raise ValueError(failed[0])
-    if failed:
-        text = all_of("are left out", failed, len(recordings))
-        warnings.warn(text, ForceCurveWarning, stacklevel=3)
-    return ForceCurves(tuple(curves), shape), len(recordings)
+    return ForceCurves(tuple(curves), shape), failed
+
+
+def _of_archive(
+    path: Path, spring_constant: float | None, sensitivity: float | None
+) -> tuple[ForceCurves, list[str]]:
+    """Return the curves of all files in an archive, and why others are none."""
+    curves = []
+    failed = []
+    shapes = set()
+    try:
+        archive = zipfile.ZipFile(path)
+    except zipfile.BadZipFile as error:
+        raise ValueError(f"the archive is damaged ({error}).") from None
+    with archive:
+        names = members(archive)
+        for name in names:
+            try:
+                with unpacked(archive, name) as file:
+                    found, reasons = _of_file(file, spring_constant, sensitivity)
+            except ValueError as error:
+                failed.append(f"{name}: {error}")
+                continue
+            # Folders tell files of the same name apart.
+            folder = name[: len(name) - len(file.name)]
+            curves += [replace(curve, source=folder + curve.source) for curve in found]
+            failed += [folder + reason for reason in reasons]
+            shapes.add(found.shape)
+    # Pixels of several maps are none of one.
+    shape = shapes.pop() if len(names) == 1 and shapes else None
+    return ForceCurves(tuple(curves), shape), failed
 
 
 def _is_table(path: Path, text: str) -> bool:
-    if _WORKSHOP in text[:200]:
+    # A file of AFM Workshop is no table of named columns.
+    if WORKSHOP in text[:200]:
         return False
     return path.suffix.lower() in _TABLES or is_named_table(text)

@@ -361,6 +361,70 @@ def test_a_map_with_holes_keeps_its_pixels(tmp_path):
     assert "3 x 2 pixels, 1 of 6 pixels missing" in repr(curves)
 
 
+def archive_of(path, contents):
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
+        for name, content in contents.items():
+            archive.writestr(name, content)
+    return path
+
+
+def test_an_archive_is_read_as_its_curves(tmp_path):
+    pytest.importorskip("afmformats")
+    contents = {
+        "day 1/curve.csv": table(),
+        "day 2/curve.csv": table(TITLES, HEIGHT, 2 * FORCE),
+        "../../outside.csv": table(TITLES, HEIGHT, 3 * FORCE),
+        "scan.jpk-force": JPK.read_bytes(),
+        "notes.csv": "Two days in May\n",
+        "__MACOSX/._curve.csv": "of a Macintosh",
+    }
+    path = archive_of(tmp_path / "folder.zip", contents)
+    with pytest.warns(js.lab.force_curves.ForceCurveWarning, match=r"notes\.csv: ") as caught:
+        curves = js.lab.force_curves.read(path)
+    assert len(caught) == 1
+    assert curves.sources == [
+        "day 1/curve.csv",
+        "day 2/curve.csv",
+        "../../outside.csv",
+        "scan.jpk-force",
+    ]
+    for number in range(3):
+        force = curves[number].approach.force
+        np.testing.assert_allclose(force, 1e-9 * (number + 1) * FORCE[:61], rtol=1e-12)
+    expected = js.lab.force_curves.read(JPK).approach.force
+    np.testing.assert_array_equal(curves[3].approach.force, expected)
+    assert [*tmp_path.rglob("*")] == [path] and not (
+        tmp_path.parent.parent / "outside.csv"
+    ).exists()
+
+
+def test_archives_without_curves_are_refused(tmp_path, monkeypatch):
+    within = archive_of(tmp_path / "in.zip", {"curve.csv": table()}).read_bytes()
+    for contents, message in (
+        ({}, "holds no file"),
+        ({"in.zip": within}, r"folder.zip: in.zip: it is an archive in the archive: unpack it"),
+        ({"a/curve.csv": ""}, r"folder.zip: a/curve.csv: the file is empty"),
+    ):
+        path = archive_of(tmp_path / "folder.zip", contents)
+        with pytest.raises(ValueError, match=message):
+            js.lab.force_curves.read(path)
+    path = archive_of(tmp_path / "damaged.zip", {"curve.csv": table()})
+    content = bytearray(path.read_bytes())
+    content[60:80] = bytes(20)
+    path.write_bytes(content)
+    with pytest.raises(ValueError, match=r"damaged.zip: curve.csv: it is damaged"):
+        js.lab.force_curves.read(path)
+    content[content.index(b"PK\1\2")] = 0
+    path.write_bytes(content)
+    with pytest.raises(ValueError, match=r"damaged.zip: the archive is damaged"):
+        js.lab.force_curves.read(path)
+    monkeypatch.setattr("jaxstab.lab.force_curves.archives._LARGEST", 1000)
+    bomb = archive_of(tmp_path / "bomb.zip", {"curve.csv": "0" * 2000})
+    assert bomb.stat().st_size < 1000
+    with pytest.raises(ValueError, match=r"its files have .* GB, more than"):
+        js.lab.force_curves.read(bomb)
+
+
 @pytest.mark.parametrize(
     ("name", "content", "message"),
     [
