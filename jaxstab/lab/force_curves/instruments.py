@@ -98,7 +98,8 @@ def _reason(path: Path, error: BaseException, is_text: bool) -> str:
     import afmformats
 
     known = ", ".join(afmformats.formats.supported_extensions)
-    reason = f"afmformats cannot read it: {_said(error)}"
+    # The file may lie in a temporary folder.
+    reason = f"afmformats cannot read it: {_said(error).replace(str(path), path.name)}"
     if path.suffix not in afmformats.formats.supported_extensions:
         reason = f"its suffix {path.suffix!r} is none that afmformats knows, which are {known}."
     if is_text:

@@ -50,6 +50,7 @@ _KINDS = {
     "x": _LENGTH,
     "y": _LENGTH,
 }
+_COMMAS = "If commas are decimal marks, save it with points, or with semicolons between columns."
 _WITHOUT_UNIT = {"segment", "curve"}
 
 
@@ -264,8 +265,11 @@ def _table(
     for number, line in lines[1:]:
         cells = _cells(line, separator)
         if len(cells) != len(columns):
+            cure = ""
+            if separator == "," and len(cells) > len(columns):
+                cure = f" {_COMMAS}"
             raise ValueError(
-                f"its line {number} has {len(cells)} values for {len(columns)} columns."
+                f"its line {number} has {len(cells)} values for {len(columns)} columns.{cure}"
             )
         rows.append((number, cells))
     if not rows:
@@ -290,7 +294,10 @@ def _number(line: int, cell: str, title: str, has_commas: bool) -> float:
     try:
         return float(text)
     except ValueError:
-        raise ValueError(f"its column {title!r} has {cell!r} on line {line}, no number.") from None
+        cure = f" {_COMMAS}" if "," in cell else ""
+        raise ValueError(
+            f"its column {title!r} has {cell!r} on line {line}, no number.{cure}"
+        ) from None
 
 
 def _stated(text: str) -> Iterator[tuple[str, float]]:
