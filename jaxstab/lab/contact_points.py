@@ -19,6 +19,8 @@ if TYPE_CHECKING:
 _DEVIATION = 5.0
 # Variances are of windows of this part of the points, and of so many points at least.
 _WINDOW, _FEWEST = 0.02, 20
+# The noise in a window is this part of that of the baseline at least.
+_LEAST = 0.3
 # The start of a fit: the slope of a line, or the roots of the numbers of the polynomial, where
 # lengths and forces are parts of the whole curve; and its evaluations.
 _LINE, _POLYNOMIAL, _MOST = [1.0], [0.3, 0.3, 0.1], 500
@@ -129,7 +131,7 @@ def contact_points(
     noise = correction.approach.noise
     points = {
         "deviation_from_baseline": _deviation(tips, forces, noise),
-        "ratio_of_variances": _ratio_of_variances(tips, forces),
+        "ratio_of_variances": _ratio_of_variances(tips, forces, noise),
         # No force acts at the contact, so that its height is its tip position.
         "line_and_line": _kink(heights, forces, noise, False),
         "line_and_polynomial": _kink(heights, forces, noise, True),
@@ -154,14 +156,14 @@ def _deviation(tips: np.ndarray, forces: np.ndarray, noise: float) -> float:
     return float(tips[np.argmax(is_force)]) if is_force.any() else np.nan
 
 
-def _ratio_of_variances(tips: np.ndarray, forces: np.ndarray) -> float:
+def _ratio_of_variances(tips: np.ndarray, forces: np.ndarray, noise: float) -> float:
     """Return where the variance of a window over that of the window before is largest."""
     window = max(int(_WINDOW * len(forces)), _FEWEST)
     if len(forces) < 2 * window + 1:
         return np.nan
     variances = np.var(np.lib.stride_tricks.sliding_window_view(forces, window), axis=1)
     # Digitised forces may all be equal.
-    before = np.maximum(variances[: -window - 1], np.finfo(float).tiny)
+    before = np.maximum(variances[: -window - 1], (_LEAST * noise) ** 2)
     return float(tips[window + np.argmax(variances[window + 1 :] / before)])
 
 

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 import jaxstab as js
+from jaxstab.lab import dugdale
 from jaxstab.lab.fit import ForceCurveFit, own_units, prefixed
 from jaxstab.lab.fit_curve import fit_curve
 from jaxstab.lab.fit_each import Fits, fit_each
@@ -21,6 +22,8 @@ if TYPE_CHECKING:
 # The least depth over the largest, and the fewest points in contact of a fit.
 _LEAST = 0.1
 _FEWEST = 20
+# The least of the largest forces over the pull-off.
+_PUSHED = 2.0
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -121,10 +124,11 @@ def modulus_over_depth(
 
     Each part goes from the far end to a depth, and is fitted by `fit_curve` as a homogeneous
     sample. The depths are in a geometric sequence from a tenth of the largest one, or from the
-    first 20 points in contact, and count from the contact point of such a shallow part. On a
-    homogeneous sample the moduli agree within their errors, which are not independent: deeper parts
-    contain the shallower ones. A modulus that rises with depth is a stiff base below a thin sample,
-    a stiffer interior, or a tip that is blunter than stated.
+    first 20 points in contact, or from where the force exceeds twice the pull-off, and count
+    from the contact point of such a shallow part. On a homogeneous sample the moduli agree within
+    their errors, which are not independent: deeper parts contain the shallower ones. A modulus that
+    rises with depth is a stiff base below a thin sample, a stiffer interior, or a tip that is
+    blunter than stated.
 
     The moduli are apparent ones: averages over the volume that is deformed. The parts that are no
     homogeneous sample may have the result `misfit`; this is not warned of.
@@ -136,8 +140,8 @@ def modulus_over_depth(
         count: the number of depths.
 
     Raises:
-        ValueError: for fewer than two depths, fewer than 40 points in contact, and as `fit_curve`
-            does.
+        ValueError: for fewer than two depths, fewer than 40 points in contact, a force that nowhere
+            exceeds twice the pull-off, and as `fit_curve` does.
         TypeError: for something that is no force curve or no tip.
     """
     if count < 2:
@@ -166,7 +170,17 @@ def _parts(
             f"{2 * _FEWEST}. Measure more points, or fit the whole by fit_curve."
         )
     deepest = in_contact[-1]
-    depths = np.geomspace(max(_LEAST * deepest, in_contact[_FEWEST - 1]), deepest, count)
+    shallowest = max(_LEAST * deepest, in_contact[_FEWEST - 1])
+    if whole.work_of_adhesion > 0:
+        # Where adhesion prevails the contact tells little of the modulus.
+        is_pushed = whole.forces > _PUSHED * _pull_off(whole) * own_units(whole.curve)[1]
+        if not is_pushed.any():
+            raise ValueError(
+                "The approach pushes by less than twice the pull-off, so that no part of it "
+                "tells a modulus: indent deeper, or fit the whole by fit_curve."
+            )
+        shallowest = max(shallowest, np.min(below[is_pushed]))
+    depths = np.geomspace(shallowest, deepest, count)
     # Rounding leaves no point of the whole out.
     depths[-1] = deepest
     curves = []
@@ -179,6 +193,15 @@ def _parts(
         ends = {"approach": approach, "retraction": None, "pauses": ()}
         curves.append(replace(whole.curve, **ends, source=source))
     return depths / own, js.lab.force_curves.ForceCurves(tuple(curves))
+
+
+def _pull_off(fit: ForceCurveFit) -> float:
+    """Return the largest attraction of the fitted contact, which an approach need not show [N]."""
+    assert isinstance(fit.tip, Tip)
+    modulus = fit.youngs_modulus / (1 - fit.poisson_ratio**2)
+    depth = fit.contact_point - float(np.nanmin(fit.tip_positions)) / own_units(fit.curve)[0]
+    branch = dugdale.with_adhesion(fit.tip, modulus, fit.work_of_adhesion, fit.range, depth, 0.0)
+    return -float(np.min(branch.force))
 
 
 def _is_good(fit: ForceCurveFit) -> bool:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from matplotlib import pyplot as plt
 from scipy.optimize import minimize_scalar
-from synthetic_curves import MODULUS, RADIUS, hertz, recorded
+from synthetic_curves import MODULUS, RADIUS, WORK, hertz, maugis_with_approach, recorded
 
 import jaxstab as js
 
@@ -55,6 +55,17 @@ def test_a_bonded_layer_stiffens_with_depth():
     points = axes.lines[0].get_xydata()
     np.testing.assert_allclose(points, np.stack([found.depths * 1e9, found.youngs_moduli / 1e6], 1))
     plt.close(axes.figure)
+
+
+@pytest.mark.nightly
+def test_a_sticky_homogeneous_sample_is_fitted_where_it_pushes():
+    curve = recorded(maugis_with_approach(5.0), 2, points=1000)
+    found = js.lab.modulus_over_depth(curve, TIP, 0.0, count=2)
+    force = found.parts.curves[0].approach.force
+    # Twice JKR's pull-off, 3 pi w R / 2.
+    assert np.max(force) == pytest.approx(3 * np.pi * WORK * RADIUS, rel=0.2)
+    away = np.abs(found.youngs_moduli - MODULUS * 1e9) / found.errors
+    assert np.all(away < 3), away
 
 
 def test_too_few_depths_and_points_are_refused():
