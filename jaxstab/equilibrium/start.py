@@ -19,7 +19,7 @@ def start_of(contact: Contact, load: Load, initial: Initial) -> Field:
     """Return a gap to start a solve from, by default that of the undeformed solid.
 
     Arguments:
-        contact: the contact as it is solved (`posed`).
+        contact: the contact as it is solved (`pose`).
         load: the load of the start, in the same unit.
         initial: a gap [length], an equilibrium or a result with one, on the grid of the surface.
 
