@@ -54,9 +54,10 @@ _CONTACTS = 120
 # Autocorrelations are summed up to a lag of so many correlation lengths (A. Sokal).
 _WINDOW = 5
 # The model does not describe a curve whose misfit in contact is so many times the noise, and this
-# part of the force that the indentation makes; before contact it is so many times the noise, and
-# this part of the largest attraction.
-_MISFIT, _SEEN, _SEEN_BEFORE = 3.0, 0.02, 0.03
+# part of the force that the indentation makes: a sphere's curve fitted by a cone misses it by 1.5 %
+# and has five times the modulus. Before contact the misfit is so many times the noise, and this
+# part of the largest attraction.
+_MISFIT, _OF_FORCE, _OF_ATTRACTION = 3.0, 0.01, 0.03
 # A sum of squares is right within this part, as a first and as a last one.
 _ROUGH, _FINE = 1e-4, 1e-9
 # A better fit has half a sum of squares that is lower by this much.
@@ -811,11 +812,11 @@ def _finished(
     bending = data.force.max() / data.stiffness
     depth = float(values[1] - data.tips.min())
     told = float(data.force.max()) * depth / (depth + bending)
-    is_described = rms <= max(_MISFIT * data.noise, _SEEN * told)
+    is_described = rms <= max(_MISFIT * data.noise, _OF_FORCE * told)
     if model.is_sticky:
         outside = _rms(misfit[data.is_near[data.group] & ~is_inside])
         attraction = -float(np.min(forces))
-        is_described &= not outside > max(_MISFIT * data.noise, _SEEN_BEFORE * attraction)
+        is_described &= not outside > max(_MISFIT * data.noise, _OF_ATTRACTION * attraction)
         rms = float(np.fmax(rms, outside))
     result = js.RESULTS.successful
     if found.status == 0:

@@ -181,11 +181,15 @@ class FlatPunch:
 
 
 def _require_radius(radius: float) -> None:
+    if isinstance(radius, str):
+        raise TypeError(f"The radius is {radius!r}: give a number in metres, as 5e-6 for 5 µm.")
     if not _SMALLEST <= radius <= _LARGEST:
         raise ValueError(f"The radius is {radius} m: give it in metres, as 5e-6 for 5 µm.")
 
 
 def _require_angle(angle: float) -> None:
+    if isinstance(angle, str):
+        raise TypeError(f"The half angle is {angle!r}: give a number in degrees, as 18.0.")
     if not _SHARPEST <= angle <= _BLUNTEST:
         raise ValueError(
             f"The half angle is {angle} degrees: give the angle between axis and flank in degrees, "

@@ -102,6 +102,12 @@ def test_a_curve_that_is_no_hertz_has_a_result_of_its_own():
     assert "does not describe" in fit.status
 
 
+def test_a_cone_does_not_describe_the_curve_of_a_sphere():
+    with pytest.warns(js.exceptions.FitWarning, match="another shape of the tip"):
+        fit = js.lab.fit_curve(recorded(hertz(), 3, noise=0.02), js.lab.Cone(35.0), 0.0)
+    assert fit.result == js.RESULTS.misfit
+
+
 def test_units_of_the_curve_change_nothing_and_print_shows_them():
     curve = recorded(hertz(), 3)
     fit = js.lab.fit_curve(curve, TIP, 0.0)
