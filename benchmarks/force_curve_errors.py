@@ -122,7 +122,13 @@ def trials(kind: str, seed: int) -> Iterator[Trial]:
     sizes = np.append(truth[:3], depth * 1e-9)
     for segment in ("approach", "retraction"):
         start = time.process_time()
-        fit = js.lab.fit_curve(curve, TIP, 0.0, segment)
+        try:
+            fit = js.lab.fit_curve(curve, TIP, 0.0, segment)
+        except ValueError:
+            # A curve that cannot be corrected is refused with the reason.
+            unknown = np.full(4, np.nan)
+            yield Trial(kind, condition, segment, unknown, unknown, "refused", 0.0)
+            continue
         seconds = time.process_time() - start
         correction = fit.curve.correction
         assert correction is not None and correction.contact_point is not None
