@@ -13,6 +13,7 @@ from scipy.optimize import OptimizeResult, least_squares
 import jaxstab as js
 from jaxstab.lab import dugdale
 from jaxstab.lab.fit import FitErrors, ForceCurveFit
+from jaxstab.lab.force_curves.force_curve import curve_to_fit
 from jaxstab.lab.tips import FlatPunch, Tip
 
 Part = Literal["approach", "retraction"]
@@ -111,11 +112,6 @@ def fit_curve(
     Warns:
         FitWarning: if the result is not `successful`; the message has the reason.
     """
-    if not isinstance(curve, js.lab.force_curves.ForceCurve):
-        raise TypeError(
-            f"The curve is a {type(curve).__name__}: give a ForceCurve, as "
-            "jaxstab.lab.force_curves.read returns it; jaxstab.lab.fit_each fits several."
-        )
     if not isinstance(tip, Tip | FlatPunch):
         raise TypeError(
             f"The tip is {tip!r}: give a Sphere, Paraboloid, Cone, Pyramid or FlatPunch of "
@@ -123,17 +119,7 @@ def fit_curve(
         )
     if not -1 < poisson_ratio <= 0.5:
         raise ValueError(f"Poisson's ratio is {poisson_ratio}: it lies in (-1, 0.5].")
-    if segment not in ("approach", "retraction"):
-        raise ValueError(f"The segment is {segment!r}: choose approach or retraction.")
-    if getattr(curve, segment) is None:
-        raise ValueError(f"The curve has no {segment}: fit another segment.")
-    if curve.spring_constant is None:
-        raise ValueError(
-            "The curve has no spring constant, without which indentations are unknown: give it in "
-            "N/m, as in js.lab.force_curves.read(path, spring_constant=0.2)."
-        )
-    if curve.correction is None:
-        curve = curve.corrected()
+    curve = curve_to_fit(curve, segment)
     data = _Data.of(curve.in_units("m", "N"), segment)
     fit = _without_adhesion(data, tip)
     if _attracts(data) and not (segment == "approach" and isinstance(tip, FlatPunch)):

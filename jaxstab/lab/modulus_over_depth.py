@@ -71,7 +71,8 @@ class ModulusOverDepth:
         depths = self.depths * own_units(curve)[0]
         by, prefix = prefixed(float(np.nanmax(self.youngs_moduli)))
         moduli, errors = self.youngs_moduli / by, self.errors / by
-        is_good = np.array([fit is not None and _is_good(fit) for fit in self.parts.fits])
+        fits = self.parts.fits
+        is_good = np.array([fit and fit.result == js.RESULTS.successful for fit in fits], bool)
         for chosen, face, label in (
             (is_good, "black", "fit"),
             (~is_good, "white", "fit that does not describe the curve"),
@@ -202,7 +203,3 @@ def _pull_off(fit: ForceCurveFit) -> float:
     depth = fit.contact_point - float(np.nanmin(fit.tip_positions)) / own_units(fit.curve)[0]
     branch = dugdale.with_adhesion(fit.tip, modulus, fit.work_of_adhesion, fit.range, depth, 0.0)
     return -float(np.min(branch.force))
-
-
-def _is_good(fit: ForceCurveFit) -> bool:
-    return fit.result == js.RESULTS.successful

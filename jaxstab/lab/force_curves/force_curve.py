@@ -301,3 +301,28 @@ def _is_reversed(segment: Segment) -> bool:
     noise = 1.4826 * np.median(np.abs(far - zero))
     deep = np.median(force[order[: max(int(_DEEP * count), 1)]]) - zero
     return bool(deep < -SIGNIFICANT * noise and -deep > force.max() - zero)
+
+
+def curve_to_fit(curve: ForceCurve, segment: str) -> ForceCurve:
+    """Return the corrected curve for a fit to one of its segments, or raise what forbids one.
+
+    Raises:
+        TypeError: for anything but a force curve.
+        ValueError: for another segment or one that the curve lacks, no spring constant, and a curve
+            that cannot be corrected.
+    """
+    if not isinstance(curve, ForceCurve):
+        raise TypeError(
+            f"The curve is a {type(curve).__name__}: give a ForceCurve, as "
+            "jaxstab.lab.force_curves.read returns it; jaxstab.lab.fit_each fits several."
+        )
+    if segment not in ("approach", "retraction"):
+        raise ValueError(f"The segment is {segment!r}: choose approach or retraction.")
+    if getattr(curve, segment) is None:
+        raise ValueError(f"The curve has no {segment}: fit another segment.")
+    if curve.spring_constant is None:
+        raise ValueError(
+            "The curve has no spring constant, without which indentations are unknown: give it in "
+            "N/m, as in jaxstab.lab.force_curves.read(path, spring_constant=0.2)."
+        )
+    return curve if curve.correction is not None else curve.corrected()

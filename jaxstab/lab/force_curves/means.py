@@ -7,7 +7,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from jaxstab.lab.force_curves.correction import clocks_of
-from jaxstab.lab.force_curves.force_curve import ForceCurve
+from jaxstab.lab.force_curves.force_curve import ForceCurve, curve_to_fit
 
 # One mean where no force acts for so many in contact.
 _FAR = 6
@@ -63,23 +63,9 @@ def means(
         ValueError: for another segment or one that the curve lacks, fewer than four points, no
             spring constant, and a curve that cannot be corrected.
     """
-    if not isinstance(curve, ForceCurve):
-        raise TypeError(
-            f"The curve is a {type(curve).__name__}: give one, of several by its number."
-        )
-    if segment not in ("approach", "retraction"):
-        raise ValueError(f"The segment is {segment!r}: choose approach or retraction.")
     if points < 4:
         raise ValueError(f"The number of points is {points}: give at least 4.")
-    if getattr(curve, segment) is None:
-        raise ValueError(f"The curve has no {segment}: take another segment.")
-    if curve.spring_constant is None:
-        raise ValueError(
-            "The curve has no spring constant, without which its tip positions are unknown: give "
-            "it in N/m, as in read(path, spring_constant=0.2)."
-        )
-    if curve.correction is None:
-        curve = curve.corrected()
+    curve = curve_to_fit(curve, segment)
     part, correction = getattr(curve, segment), curve.correction
     assert correction is not None and curve.spring_constant is not None
     line = getattr(correction, segment)
