@@ -28,6 +28,7 @@ from jaxstab.core.checks import (
 from jaxstab.core.display import column, number
 from jaxstab.core.equality import Comparable
 from jaxstab.core.results import SolverError
+from jaxstab.core.rings import Rings
 from jaxstab.core.roots import bisect
 from jaxstab.core.types import ArrayLike, Scalar
 from jaxstab.core.units import LENGTH, NO_UNITS, Units, named_with_unit, shown_unit, unit_symbol
@@ -114,24 +115,35 @@ def extrapolate(
         contact: the contact problem, whose law has a `length`, as those of `jaxstab.potentials`
             with a range.
         ranges: three ranges or more, in any order [length]. By default four, each 1.3 times
-            the one before, from a resolution of 8 on.
+            the one before, from a resolution of 8 on. On rings they must be given, since the
+            resolution falls with the radius a of the contact: from sqrt(R / a) times
+            `resolved_range(contact, 8)` on, on a disc of radius R.
         to: the range asked for, or zero for the limit; by default that of the contact's law
             [length].
 
     Raises:
-        ValueError: for fewer than three ranges, ranges that repeat or are not positive, a range
-            asked for that is longer than all, and a function of something else than one number. For
-            a window whose edges the law reaches at the longest range, but not at its own.
+        ValueError: for fewer than three ranges, ranges that repeat or are not positive, none on
+            rings, a range asked for that is longer than all, and a function of something else than
+            one number. For a window whose edges the law reaches at the longest range, but not at
+            its own.
         TypeError: for a law without one number that is its range; under JAX transformations.
         SolverError: where the values rise and fall with the range, or follow no power from -2 to 6;
             for the range zero where the power is below 0.3; and for an error above a quarter of the
             value at the shortest range: then they tell of no limit.
     """
     require_known((contact, ranges, to), "extrapolate")
-    shortest = resolved_range(contact, _RESOLUTION)
-    lengths = _RATIOS * float(shortest)
+    shortest = float(resolved_range(contact, _RESOLUTION))
     if ranges is not None:
         lengths = _rising_ranges(ranges)
+    elif isinstance(contact.grid, Rings):
+        raise ValueError(
+            "No ranges are given, and those that rings resolve depend on where the edge of the "
+            f"contact lies: give `ranges` from {shortest:.3g} sqrt(R / a) on, as many times 1.3, "
+            f"with the radius R = {float(contact.grid.radius):.6g} of the disc and the least "
+            "radius a of the contact that matters."
+        )
+    else:
+        lengths = _RATIOS * shortest
     law: Any = contact.potential
     target = law.length
     if to is not None:

@@ -385,6 +385,8 @@ def test_mistakes_are_told(rings, solid, sticky):
     flat = js.Contact(js.HalfSpace(grid, 1.0), jnp.zeros((8, 8)), NoAdhesion())
     with pytest.raises(ValueError, match="orders"):
         js.assess_stability(flat, js.equilibrate(flat, js.MeanGap(0.1)), orders=2)
+    with pytest.raises(ValueError, match=r"give `ranges` from 0\.\d+ sqrt\(R / a\) on"):
+        js.extrapolate(lambda contact: js.pull_off(contact).load.value, sticky)
     with pytest.warns(js.exceptions.WindowWarning, match="rim of the disc"):
         js.equilibrate(sticky, js.FarDisplacement(-1.2))
 
