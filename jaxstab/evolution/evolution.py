@@ -39,7 +39,7 @@ OF_RUN: tuple[str, ...] = (
 )
 
 
-class Internal(eqx.Module):
+class Memory(eqx.Module):
     """The memory of a viscoelastic contact, on the grid that it is solved on.
 
     Attributes:
@@ -104,8 +104,8 @@ class Evolution(Totals):
     load: Load
     times: Annotated[Float[Array, "..."], TIME]
     force: Annotated[Float[Array, "..."], FORCE]
-    fields: Internal | None = eqx.field(repr=False)
-    last: Internal | None = eqx.field(repr=False)
+    fields: Memory | None = eqx.field(repr=False)
+    last: Memory | None = eqx.field(repr=False)
     reached: Annotated[Scalar, TIME]
     jump_times: Annotated[Float[Array, " jumps"], TIME]
     jump_losses: Annotated[Float[Array, " jumps"], ENERGY]
@@ -147,7 +147,7 @@ class Evolution(Totals):
         return self.reached.ndim > 0
 
     @property
-    def internal(self) -> Internal:
+    def memory(self) -> Memory:
         """Gap and memory of a single state, or of the last one.
 
         Raises:
@@ -182,7 +182,7 @@ class Evolution(Totals):
     @property
     def gap(self) -> Field:
         """The gap of a single state, or of the last one [length]."""
-        return self.contact.solid.padded.surface(self.internal.gap)
+        return self.contact.solid.padded.surface(self.memory.gap)
 
     @property
     def instant(self) -> tuple[Contact, Equilibrium]:
@@ -192,7 +192,7 @@ class Evolution(Totals):
         larger grid that it is solved on. After a failure the gap is NaN.
         """
         padded = self.contact.padded
-        memory = self.internal
+        memory = self.memory
         load = self.load
         result = self.result
         if load.value.ndim > 0:
@@ -244,7 +244,7 @@ def relaxed_contact(contact: Contact) -> Contact:
     return eqx.tree_at(lambda contact: contact.solid, contact, solid.relaxed)
 
 
-def moved_contact(contact: Contact, memory: Internal, dt: Scalar) -> Contact:
+def moved_contact(contact: Contact, memory: Memory, dt: Scalar) -> Contact:
     """Return the elastic contact of a step from a state: K_step on h + m."""
     solid: Any = contact.solid
     ratios, times = solid.springs

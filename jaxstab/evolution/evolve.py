@@ -39,7 +39,7 @@ from jaxstab.equilibrium.posing import Posed, as_given, pose
 from jaxstab.equilibrium.start import start_of
 from jaxstab.evolution.evolution import (
     Evolution,
-    Internal,
+    Memory,
     relaxed_contact,
     require_viscoelastic,
 )
@@ -142,8 +142,8 @@ def evolve(
     is_alone = not is_transformed(inputs)
     known, known_times, known_start, known_tolerance = jax.lax.stop_gradient(inputs)
     # Leg by leg it is one program, whatever the evolution keeps.
-    keeps_internal = fields or is_alone
-    stepping = TimeStepping(known.contact, known.state[0], known_tolerance, keeps_internal)
+    keeps_memory = fields or is_alone
+    stepping = TimeStepping(known.contact, known.state[0], known_tolerance, keeps_memory)
     legs = legs_between(concrete(known_times), concrete(known.state.value))
     steps: Steps = known_start, no_increments(room, instants.dtype)
     if is_alone:
@@ -196,7 +196,7 @@ def _start(problem: Posed[Load], initial: Any) -> StepRecord:
     load = problem.state[0]
     dtype = contact.heights.dtype
     if isinstance(initial, Evolution):
-        memory = initial.internal
+        memory = initial.memory
         result = RESULTS.promote("successful")
         cure = "start from a state that was found."
         require_finite("The gap of the initial evolution", memory.gap, cure)
@@ -207,8 +207,8 @@ def _start(problem: Posed[Load], initial: Any) -> StepRecord:
         solid: Any = contact.solid
         gap = start_of(relaxed_contact(contact), held, initial)
         strains = array(np.zeros((1 + solid.times.size, *contact.grid.shape)), dtype)
-        rest = first_record(contact, held, Internal(gap, strains), _endless_step(solid.times))
-        memory = rest.internal
+        rest = first_record(contact, held, Memory(gap, strains), _endless_step(solid.times))
+        memory = rest.memory
         result = rest.result
     # It responds to the load at once.
     start = first_record(contact, load, memory, array(0, dtype))
@@ -225,7 +225,7 @@ def _leg_by_leg(
         try:
             after, end = jax.block_until_ready(follow_leg(stepping, steps, leg))
             if not fields:
-                end = end._replace(internal=None)
+                end = end._replace(memory=None)
             # The steps and the end of their leg belong together.
             with interrupts_after():
                 steps = after
@@ -254,7 +254,7 @@ def _evolution(
     record, increments = steps
     legs, _, fractions, losses, pressures = increments.rows
     pressures = jnp.append(ends.totals.mean_pressure[:1], pressures)
-    found = Replay(ends.totals, losses, pressures, jnp.zeros_like(losses), record.internal)
+    found = Replay(ends.totals, losses, pressures, jnp.zeros_like(losses), record.memory)
     totals, losses, pressures, delays, last = attach(changes, found, (increments, ends), inputs)
     step_ends = along(times, legs, fractions) + delays
     number = ends.num_steps.size
@@ -278,7 +278,7 @@ def _evolution(
         largest_tension_time=instants[0],
         largest_compression=compression,
         largest_compression_time=instants[1],
-        fields=attach(no_derivatives, ends.internal, None, inputs),
+        fields=attach(no_derivatives, ends.memory, None, inputs),
         last=last,
         reached=jnp.where(increments.count > 0, step_ends[increments.count - 1], times[0]),
         jump_times=step_ends,

@@ -17,7 +17,7 @@ from jaxstab.core.implicit import nan_if
 from jaxstab.core.types import Field, Scalar
 from jaxstab.equilibrium.derivatives import free_system, third_derivative
 from jaxstab.equilibrium.equilibrium import fields_of
-from jaxstab.evolution.evolution import Internal, moved_contact, on_gap
+from jaxstab.evolution.evolution import Memory, moved_contact, on_gap
 from jaxstab.loads import Load
 
 # An event lies no farther ahead than the jump by this factor, to leading order.
@@ -25,7 +25,7 @@ _FARTHEST = 10.0
 
 
 def time_of_jump(
-    contact: Contact, load: Load, slope: Scalar, memory: Internal, until: Scalar
+    contact: Contact, load: Load, slope: Scalar, memory: Memory, until: Scalar
 ) -> Scalar:
     """Return zero, with the derivative of the time of a jump.
 
@@ -75,14 +75,14 @@ def time_of_jump(
 
 
 def _instant(
-    contact: Contact, load: Load, slope: Scalar, memory: Internal, dt: Scalar
+    contact: Contact, load: Load, slope: Scalar, memory: Memory, dt: Scalar
 ) -> tuple[Contact, Load]:
     """Return the contact that answers at once, a little later, and its load."""
     return moved_contact(contact, memory, dt), on_gap(contact, load.at(load.value + slope * dt))
 
 
 def _balance(
-    contact: Contact, load: Load, slope: Scalar, memory: Internal, gap: Field, dt: Scalar
+    contact: Contact, load: Load, slope: Scalar, memory: Memory, gap: Field, dt: Scalar
 ) -> tuple[Field, Field]:
     """Return a gap under the load a little later, and its net pressure."""
     fields, net = fields_of(*_instant(contact, load, slope, memory, dt), gap)

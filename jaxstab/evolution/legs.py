@@ -18,7 +18,7 @@ from jaxstab.core.control_flow import by_entries, choose
 from jaxstab.core.results import RESULTS
 from jaxstab.core.table import Table
 from jaxstab.core.types import Flag, Scalar
-from jaxstab.evolution.evolution import Internal, Totals, or_nan
+from jaxstab.evolution.evolution import Memory, Totals, or_nan
 from jaxstab.evolution.step import StepRecord, errors_of_step, take_step
 from jaxstab.loads import Load
 
@@ -40,13 +40,13 @@ class TimeStepping(eqx.Module):
         contact: the contact, of a `Viscoelastic` solid.
         load: the kind of load, of which all but its value is used.
         rtol: the tolerance of the error of a step.
-        keeps_internal: whether to keep gap and strains at the given times.
+        keeps_memory: whether to keep gap and strains at the given times.
     """
 
     contact: Contact
     load: Load
     rtol: Scalar
-    keeps_internal: bool = eqx.field(static=True)
+    keeps_memory: bool = eqx.field(static=True)
 
 
 class Leg(NamedTuple):
@@ -81,7 +81,7 @@ class LegEnd(NamedTuple):
     """The state at a given time, NaN if there is none; its result, and the number of all steps."""
 
     totals: Totals
-    internal: Internal | None
+    memory: Memory | None
     result: RESULTS
     num_steps: Int[Array, "..."]
 
@@ -172,10 +172,10 @@ def _follow_leg(stepping: TimeStepping, steps: Steps, leg: Leg) -> tuple[Steps, 
     is_short = (fraction < 1) & (record.result == RESULTS.successful)
     why = RESULTS.where(span > 0, RESULTS.store_full, RESULTS.unordered_times)
     result = RESULTS.where(is_short, why, record.result)
-    internal = None
-    if stepping.keeps_internal:
-        internal = or_nan(record.internal, result)
-    end = LegEnd(or_nan(record.totals, result), internal, result, increments.count)
+    memory = None
+    if stepping.keeps_memory:
+        memory = or_nan(record.memory, result)
+    end = LegEnd(or_nan(record.totals, result), memory, result, increments.count)
     return (replace(record, result=result), increments), end
 
 

@@ -12,7 +12,7 @@ from jaxstab.core.control_flow import entry_of
 from jaxstab.core.implicit import nan_if, tangent_of
 from jaxstab.core.table import Table
 from jaxstab.core.types import Flag, Scalar
-from jaxstab.evolution.evolution import Internal, Totals
+from jaxstab.evolution.evolution import Memory, Totals
 from jaxstab.evolution.jump_time import time_of_jump
 from jaxstab.evolution.legs import Increment, LegEnd, along
 from jaxstab.evolution.step import StepRecord, take_step
@@ -34,7 +34,7 @@ class Replay(NamedTuple):
     losses: Float[Array, " increments"]
     pressures: Float[Array, " states"]
     delays: Float[Array, " increments"]
-    last: Internal
+    last: Memory
 
 
 def changes(
@@ -86,7 +86,7 @@ def replay(
             def delay_of_jump() -> Scalar:
                 until = (entry_of(increments.rows, i + 1).end - end) * span
                 ahead = delayed_load(delay_before)
-                return delay_before + time_of_jump(contact, ahead, rate, old.internal, until)
+                return delay_before + time_of_jump(contact, ahead, rate, old.memory, until)
 
             # A value at the time of a jump has no derivative.
             stays = jnp.where(has_jumped, nan_if(end == 1, delay_before), 0)
@@ -106,5 +106,5 @@ def replay(
         losses=jnp.diff(totals.jump_dissipation),
         pressures=totals.mean_pressure,
         delays=delays[1:],
-        last=last.internal,
+        last=last.memory,
     )

@@ -30,7 +30,7 @@ from jaxstab.core.results import RESULTS
 from jaxstab.core.types import Field, Flag, Scalar
 from jaxstab.equilibrium import PreconditionedConjugateGradient
 from jaxstab.equilibrium.equilibrate import solve
-from jaxstab.evolution.evolution import Internal, Totals, moved_contact, on_gap, or_nan
+from jaxstab.evolution.evolution import Memory, Totals, moved_contact, on_gap, or_nan
 from jaxstab.loads import Load, Spring
 from jaxstab.potentials import energy_density
 from jaxstab.solids.solid import finite_or_zero
@@ -46,7 +46,7 @@ class StepRecord(eqx.Module):
     """What the loop over time steps keeps of a step, for the next one.
 
     Attributes:
-        internal: the gap and the strains of the springs.
+        memory: the gap and the strains of the springs.
         rate: of the deformation, in the last step.
         forms: v_k.K v_k of each spring [energy].
         totals: the scalars that the user gets.
@@ -57,7 +57,7 @@ class StepRecord(eqx.Module):
         result: how the last equilibrium ended.
     """
 
-    internal: Internal
+    memory: Memory
     rate: Field
     forms: Float[Array, " springs"]
     totals: Totals
@@ -69,7 +69,7 @@ class StepRecord(eqx.Module):
 
 
 @program
-def first_record(contact: Contact, load: Load, memory: Internal, dt: Scalar) -> StepRecord:
+def first_record(contact: Contact, load: Load, memory: Memory, dt: Scalar) -> StepRecord:
     """Return the record after a step from a memory, where no work has been done yet."""
     zero = jnp.zeros_like(dt)
     heights = contact.solid.surface(contact.heights)
@@ -77,7 +77,7 @@ def first_record(contact: Contact, load: Load, memory: Internal, dt: Scalar) -> 
     # A flat surface is not deformed at all, but for rounding.
     extent = jnp.where(extent > 0, extent, contact.profile.range)
     begin = StepRecord(
-        internal=memory,
+        memory=memory,
         rate=jnp.zeros_like(contact.heights),
         forms=jnp.concatenate([_forms(contact, [v], v) for v in memory.strains]),
         totals=Totals(*[zero] * 7),
@@ -90,7 +90,7 @@ def first_record(contact: Contact, load: Load, memory: Internal, dt: Scalar) -> 
     end, _ = take_step(contact, load, begin, dt)
     return replace(
         end,
-        internal=or_nan(end.internal, end.result),
+        memory=or_nan(end.memory, end.result),
         rate=begin.rate,
         totals=replace(end.totals, work=zero, viscous_dissipation=zero, jump_dissipation=zero),
         largest_deformation=begin.largest_deformation,
@@ -115,7 +115,7 @@ def take_step(
        the error. In a jump it is the work, and the rest of the energy is lost.
     """
     solid: Any = contact.solid
-    memory = old.internal
+    memory = old.memory
     before = old.totals
     moved = moved_contact(contact, memory, dt)
     load = on_gap(contact, load)
@@ -164,7 +164,7 @@ def take_step(
     work = before.work + gained
 
     new = StepRecord(
-        internal=Internal(gap, strains.at[0].set(deformation)),
+        memory=Memory(gap, strains.at[0].set(deformation)),
         rate=change / jnp.where(dt > 0, dt, 1),
         forms=forms,
         totals=Totals(
@@ -214,7 +214,7 @@ def errors_of_step(
     """
     solid: Any = contact.solid
     forgotten = 1 - 1 / solid.stiffening(dt)
-    bend = new.internal.strains[0] - old.internal.strains[0] - dt * old.rate
+    bend = new.memory.strains[0] - old.memory.strains[0] - dt * old.rate
     bent = forgotten * jnp.max(jnp.abs(bend)) / 2
 
     totals = new.totals

@@ -34,7 +34,7 @@ from jaxstab.equilibrium.equilibrium import State
 from jaxstab.equilibrium.posing import finish, pose
 from jaxstab.equilibrium.start import initial_of_path, start_of
 from jaxstab.equilibrium.validity import warn_beyond_hardness
-from jaxstab.loading.jump_detection import Progress
+from jaxstab.loading.jump_detection import PathSearch
 from jaxstab.loading.load_path import DISTURBANCE, LoadPath, load_path_of
 from jaxstab.loading.load_stepping import step_to_end
 from jaxstab.loading.path import Jump, Path
@@ -180,7 +180,7 @@ def _with_derivatives(path: Path, inputs: tuple[Contact, Load], others: tuple) -
 def _known_path(fields: bool, load_path: LoadPath, start: Field) -> Path:
     """Return the path to the end, or until interrupted."""
     load = load_path.load
-    recording: RecordList[Progress, PathPoint, Jump] = RecordList(fields)
+    recording: RecordList[PathSearch, PathPoint, Jump] = RecordList(fields)
     was_interrupted = False
     try:
         step_to_end(load_path, start, lambda _: recording, partial(with_jump, load_path))
@@ -188,15 +188,15 @@ def _known_path(fields: bool, load_path: LoadPath, start: Field) -> Path:
         if recording.search is None:
             raise
         was_interrupted = True
-    progress = recording.search
-    is_cut = bool(progress.is_open(load))
-    result = progress.result
+    search = recording.search
+    is_cut = bool(search.is_open(load))
+    result = search.result
     if is_cut:
         result = RESULTS.interrupted
     with interrupts_held() as held:
         path = path_of(load_path, recording, result)
     if is_cut:
-        part = 100 * progress.fraction_done(load)
+        part = 100 * search.fraction_done(load)
         warn(f"The path was interrupted at {part:.0f} %.", PathInterrupted)
     elif was_interrupted or held:
         warn("The path was interrupted after its last step; it is complete.", PathInterrupted)

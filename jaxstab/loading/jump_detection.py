@@ -60,7 +60,7 @@ class Bisection(eqx.Module):
         return jnp.isfinite(self.distance)
 
 
-class Progress(eqx.Module):
+class PathSearch(eqx.Module):
     """How far load stepping has come.
 
     Attributes:
@@ -151,16 +151,16 @@ class StepOutcome(eqx.Module):
 
 
 @program
-def next_step(load_path: LoadPath, progress: Progress) -> TrialStep:
+def next_step(load_path: LoadPath, search: PathSearch) -> TrialStep:
     """Return the next step to try."""
-    here = progress.here
-    bisection = progress.bisection
-    target = load_path.load.value[progress.leg + 1]
+    here = search.here
+    bisection = search.bisection
+    target = load_path.load.value[search.leg + 1]
     left = jnp.abs(target - here.value)
     # Where it failed by its length alone, the rest of the step is right.
     tries_whole = (bisection.distance <= bisection.nearness) | (bisection.error <= 1)
     within = jnp.where(tries_whole, bisection.distance, bisection.distance / 2)
-    length = jnp.minimum(jnp.where(bisection.is_on, within, progress.next_length), left)
+    length = jnp.minimum(jnp.where(bisection.is_on, within, search.next_length), left)
     # No step is left over that is shorter than jumps are located.
     is_end = left <= length + load_path.resolution
     length = jnp.where(is_end, left, length)
@@ -171,36 +171,36 @@ def next_step(load_path: LoadPath, progress: Progress) -> TrialStep:
     is_final = bisection.is_on & (distance <= bisection.nearness)
     change = jnp.sign(target - here.value) * length
     value = jnp.where(is_end, target, here.value + change)
-    rate = (here.gap - progress.last.gap) / _nonzero(here.value - progress.last.value)
+    rate = (here.gap - search.last.gap) / _nonzero(here.value - search.last.value)
     # At the end of a branch the energy is lowered from its last state.
     stays = bisection.is_on
     if load_path.finds_all:
         stays = is_final
     gap = here.gap + jnp.where(stays, 0, change * rate)
-    gap = jnp.where(progress.is_apart, load_path.apart(), gap)
-    moves = here.value != progress.last.value
-    is_predicted = ~progress.is_apart & ~is_final & moves & load_path.finds_all
-    least = jnp.where(is_predicted, _least_potential(load_path, progress, change), -jnp.inf)
+    gap = jnp.where(search.is_apart, load_path.apart(), gap)
+    moves = here.value != search.last.value
+    is_predicted = ~search.is_apart & ~is_final & moves & load_path.finds_all
+    least = jnp.where(is_predicted, _least_potential(load_path, search, change), -jnp.inf)
     start = load_path.start_at(value, gap, least, is_final)
     return TrialStep(value, length, start, is_end, is_final)
 
 
-def _least_potential(load_path: LoadPath, progress: Progress, change: Scalar) -> Scalar:
+def _least_potential(load_path: LoadPath, search: PathSearch, change: Scalar) -> Scalar:
     """Return the potential below which a state ahead of the last lies on another branch."""
-    here = progress.here
-    last = progress.last
+    here = search.here
+    last = search.last
     slope = (here.force - last.force) / _nonzero(here.value - last.value)
     predicted = here.potential + change * (here.force + change * slope / 2)
-    fall = jnp.where(progress.bisection.is_on, _MAX_FALL_IN_BISECTION, _MAX_FALL)
+    fall = jnp.where(search.bisection.is_on, _MAX_FALL_IN_BISECTION, _MAX_FALL)
     return predicted - fall * load_path.smallest_loss(here)
 
 
 def _outcome_of(
-    load_path: LoadPath, progress: Progress, trial: TrialStep, new: PathPoint, result: RESULTS
+    load_path: LoadPath, search: PathSearch, trial: TrialStep, new: PathPoint, result: RESULTS
 ) -> StepOutcome:
     """Return the meaning of a step: whether it is on the branch, and the loss if it is a jump."""
-    here = progress.here
-    last = progress.last
+    here = search.here
+    last = search.last
     value = trial.value
     is_found = result == RESULTS.successful
     change = value - here.value
@@ -213,29 +213,29 @@ def _outcome_of(
     loss = here.potential + change * (here.force + new.force) / 2 - curved - new.potential
     least = load_path.smallest_loss(here)
     error = jnp.maximum(jnp.abs(loss), jnp.abs(curved) / _MAX_CURVATURE) / least
-    is_together = is_found & ~progress.is_apart
+    is_together = is_found & ~search.is_apart
     is_smooth = is_together & ((error <= 1) | (trial.is_final & (loss <= least)))
-    is_pulled = (result == RESULTS.pulled_off) & ~progress.is_apart
+    is_pulled = (result == RESULTS.pulled_off) & ~search.is_apart
     is_jump = ~is_smooth & trial.is_final & (is_together | is_pulled)
     control = load_path.contact.control(load_path.at(value))
-    touches = progress.is_apart & is_found & control.presses
+    touches = search.is_apart & is_found & control.presses
     return StepOutcome(
         dissipation=here.potential + change * new.force - new.potential,
         error=jnp.where(is_together, error, jnp.inf),
         is_smooth=is_smooth,
         is_jump=is_jump,
         is_pulled=is_jump & is_pulled,
-        is_apart=progress.is_apart & ~touches,
+        is_apart=search.is_apart & ~touches,
         is_touch=touches & trial.is_final,
-        is_lost=~is_found & ~is_pulled & trial.is_final & ~progress.is_apart,
+        is_lost=~is_found & ~is_pulled & trial.is_final & ~search.is_apart,
     )
 
 
 @program
 def apply_step(
-    load_path: LoadPath, progress: Progress, trial: TrialStep, equilibrium: Equilibrium
-) -> tuple[Progress, Record]:
-    """Return the progress after a step to an equilibrium, and the record of the step.
+    load_path: LoadPath, search: PathSearch, trial: TrialStep, equilibrium: Equilibrium
+) -> tuple[PathSearch, Record]:
+    """Return the search after a step to an equilibrium, and the record of the step.
 
     1. Judge the step by the equilibrium.
     2. If it is accepted, the path goes on from there, otherwise from where it was.
@@ -243,39 +243,39 @@ def apply_step(
        the next step.
     """
     found = point_of(load_path.contact, equilibrium, trial.value)
-    outcome = _outcome_of(load_path, progress, trial, found, equilibrium.result)
+    outcome = _outcome_of(load_path, search, trial, found, equilibrium.result)
     is_event = outcome.is_event
     accepts = outcome.is_accepted
 
     # The loss is unknown where surfaces fall apart, and states of separated ones are not recorded.
     lost = jnp.where(outcome.is_pulled | outcome.is_touch, jnp.nan, outcome.dissipation)
-    new = replace(found, dissipation=progress.here.dissipation + jnp.where(is_event, lost, 0))
-    here = choose(accepts, new, progress.here)
-    last = choose(accepts, progress.here, progress.last)
+    new = replace(found, dissipation=search.here.dissipation + jnp.where(is_event, lost, 0))
+    here = choose(accepts, new, search.here)
+    last = choose(accepts, search.here, search.last)
     last = choose(is_event, here, last)
-    is_apart = (progress.is_apart & ~outcome.is_touch) | outcome.is_pulled
+    is_apart = (search.is_apart & ~outcome.is_touch) | outcome.is_pulled
     is_state = accepts & ~is_apart
 
-    bisection = _bisect(load_path, progress.bisection, trial, outcome)
-    next_length = _next_length(load_path, progress, trial, outcome)
+    bisection = _bisect(load_path, search.bisection, trial, outcome)
+    next_length = _next_length(load_path, search, trial, outcome)
     # The solver may find its way from further on, but not from anywhere.
     has_failed = outcome.is_lost & (trial.is_end | (trial.length > load_path.max_step / FARTHER))
-    after = Progress(
+    after = PathSearch(
         here=here,
         last=last,
-        next_length=jnp.where(accepts & ~bisection.is_on, next_length, progress.next_length),
+        next_length=jnp.where(accepts & ~bisection.is_on, next_length, search.next_length),
         bisection=bisection,
-        leg=progress.leg + (accepts & trial.is_end),
+        leg=search.leg + (accepts & trial.is_end),
         is_apart=is_apart,
-        last_state=progress.last_state + is_state,
-        result=RESULTS.where(has_failed, equilibrium.result, progress.result),
+        last_state=search.last_state + is_state,
+        result=RESULTS.where(has_failed, equilibrium.result, search.result),
     )
     event = Event(
-        before=progress.here,
+        before=search.here,
         after=here,
-        ahead=here.value - progress.here.value,
+        ahead=here.value - search.here.value,
         dissipation=lost,
-        state=progress.last_state,
+        state=search.last_state,
         is_jump=outcome.is_jump,
         is_pulled=outcome.is_pulled,
         is_touch=outcome.is_touch,
@@ -303,17 +303,15 @@ def _bisect(
 
 
 def _next_length(
-    load_path: LoadPath, progress: Progress, trial: TrialStep, outcome: StepOutcome
+    load_path: LoadPath, search: PathSearch, trial: TrialStep, outcome: StepOutcome
 ) -> Scalar:
     """Return the length of the next step where none has failed, after a step."""
     growth = jnp.cbrt(_AIM / jnp.maximum(outcome.error, jnp.finfo(outcome.error.dtype).tiny))
     next_length = jnp.minimum(trial.length * jnp.clip(growth, 0.5, 2), load_path.max_step)
     # A load that was only too far away is passed by steps that grow again.
-    next_length = jnp.where(progress.bisection.is_on, 2 * trial.length, next_length)
+    next_length = jnp.where(search.bisection.is_on, 2 * trial.length, next_length)
     # A step cut short by the end of a leg, to no length even, says nothing against a long one.
-    next_length = jnp.where(
-        trial.is_end, jnp.maximum(next_length, progress.next_length), next_length
-    )
+    next_length = jnp.where(trial.is_end, jnp.maximum(next_length, search.next_length), next_length)
     next_length = jnp.where(outcome.is_event, load_path.first_step, next_length)
     return jnp.where(outcome.is_apart | outcome.is_pulled, load_path.max_step, next_length)
 

@@ -16,7 +16,7 @@ from jaxstab.equilibrium import Equilibrium
 from jaxstab.loading.event import no_event
 from jaxstab.loading.jump_detection import (
     Bisection,
-    Progress,
+    PathSearch,
     apply_step,
     next_step,
 )
@@ -28,7 +28,7 @@ from jaxstab.states.record import Record
 class _Store(Protocol):
     @property
     def is_full(self) -> Flag | bool: ...
-    def append(self, search: Progress, record: Record, /) -> Self: ...
+    def append(self, search: PathSearch, record: Record, /) -> Self: ...
 
 
 Store = TypeVar("Store", bound=_Store)
@@ -43,8 +43,8 @@ def step_to_end(
     start: Field,
     empty: Callable[[Record], Store],
     explain: Callable[[Record], Record] = _whole_record,
-) -> tuple[Progress, Store]:
-    """Return the progress at the end of a load path, or where the store is full, and the store.
+) -> tuple[PathSearch, Store]:
+    """Return the search at the end of a load path, or where the store is full, and the store.
 
     1. Find the first equilibrium, from a gap if one is given.
     2. Predict the next state, and find the equilibrium at its load.
@@ -58,22 +58,22 @@ def step_to_end(
         explain: returns what to append of the record of a step; by default the record.
     """
     first = _first_start(load_path, start).equilibrium(load_path.contact)
-    progress, record = _first_state(load_path, first)
-    store = empty(record).append(progress, record)
+    search, record = _first_state(load_path, first)
+    store = empty(record).append(search, record)
 
-    def goes_on(state: tuple[Progress, Store]) -> Flag:
-        progress, store = state
-        return progress.is_open(load_path.load) & ~concrete(store.is_full)
+    def goes_on(state: tuple[PathSearch, Store]) -> Flag:
+        search, store = state
+        return search.is_open(load_path.load) & ~concrete(store.is_full)
 
-    def step(state: tuple[Progress, Store]) -> tuple[Progress, Store]:
-        progress, store = state
-        trial = next_step(load_path, progress)
+    def step(state: tuple[PathSearch, Store]) -> tuple[PathSearch, Store]:
+        search, store = state
+        trial = next_step(load_path, search)
         found = trial.start.equilibrium(load_path.contact)
-        progress, record = apply_step(load_path, progress, trial, found)
-        advance_to(lambda: int(100 * progress.fraction_done(load_path.load)))
-        return progress, store.append(progress, explain(record))
+        search, record = apply_step(load_path, search, trial, found)
+        advance_to(lambda: int(100 * search.fraction_done(load_path.load)))
+        return search, store.append(search, explain(record))
 
-    return while_loop(goes_on, step, (progress, store))
+    return while_loop(goes_on, step, (search, store))
 
 
 @program
@@ -83,8 +83,8 @@ def _first_start(load_path: LoadPath, start: Field) -> Start:
 
 
 @program
-def _first_state(load_path: LoadPath, found: Equilibrium) -> tuple[Progress, Record]:
-    """Return the progress at the first turning point, and its record."""
+def _first_state(load_path: LoadPath, found: Equilibrium) -> tuple[PathSearch, Record]:
+    """Return the search at the first turning point, and its record."""
     turns = load_path.load.value
     none = jnp.array(0)
     here = point_of(load_path.contact, found, turns[0])
@@ -99,7 +99,7 @@ def _first_state(load_path: LoadPath, found: Equilibrium) -> tuple[Progress, Rec
     result = RESULTS.where(is_endless, RESULTS.infeasible_load, found.result)
     yes = jnp.array(True)
     no = jnp.array(False)
-    progress = Progress(
+    search = PathSearch(
         here=here,
         last=here,
         next_length=load_path.first_step,
@@ -109,4 +109,4 @@ def _first_state(load_path: LoadPath, found: Equilibrium) -> tuple[Progress, Rec
         last_state=none,
         result=result,
     )
-    return progress, Record(here, yes, no_event(here), no)
+    return search, Record(here, yes, no_event(here), no)

@@ -18,7 +18,7 @@ from jaxstab.core.results import RESULTS
 from jaxstab.core.stack import first_entries
 from jaxstab.core.types import Field, Scalar
 from jaxstab.loading.event import Event, no_event
-from jaxstab.loading.jump_detection import Progress
+from jaxstab.loading.jump_detection import PathSearch
 from jaxstab.loading.load_path import LoadPath
 from jaxstab.loading.load_stepping import step_to_end
 from jaxstab.loading.path import Jump, Path
@@ -54,17 +54,17 @@ def path_with_room(room: Room, load_path: LoadPath, start: Field) -> Path:
 
 
 def path_of(
-    load_path: LoadPath, recording: RecordList[Progress, PathPoint, Jump], result: RESULTS
+    load_path: LoadPath, recording: RecordList[PathSearch, PathPoint, Jump], result: RESULTS
 ) -> Path:
     """Return the path of a recording, and how it ended."""
-    progress = recording.search
+    search = recording.search
 
     def no_jump() -> Jump:
-        return _jump(load_path.contact, load_path.load, no_event(progress.here))
+        return _jump(load_path.contact, load_path.load, no_event(search.here))
 
     points, jumps = recording.rows(jax.eval_shape(no_jump))
     number = len(recording.states)
-    path = _path(load_path, progress.here, recording.last.gap, result, recording.table())
+    path = _path(load_path, search.here, recording.last.gap, result, recording.table())
     load, states = (first_entries(part, number) for part in (path.load, path.equilibrium))
     gaps = None
     if recording.fields:

@@ -7,7 +7,7 @@ from jaxstab.contact.extrapolation import Extrapolation
 from jaxstab.core.history import History
 from jaxstab.equilibrium import Equilibrium
 from jaxstab.equilibrium.observables import Conductance, Leakage, Observable, Patches
-from jaxstab.evolution import Evolution, Internal
+from jaxstab.evolution import Evolution, Memory
 from jaxstab.loading import Jump, Path, SealingPressure
 from jaxstab.loading.sweep import Sweep
 from jaxstab.observation import Observed
@@ -32,9 +32,9 @@ __all__ = [
     "Extrapolation",
     "FirstJump",
     "History",
-    "Internal",
     "Jump",
     "Leakage",
+    "Memory",
     "Observable",
     "Observed",
     "Patches",

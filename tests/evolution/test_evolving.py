@@ -160,7 +160,7 @@ def test_mistakes_are_named():
         jax.jit(lambda value: js.lifetime(contact, js.MeanPressure(value)))(0.1)
     found = js.evolve(contact, load, times, rtol=ANY)
     with pytest.raises(ValueError, match="fields=True"):
-        _ = found[3].internal
+        _ = found[3].memory
     with pytest.raises(TypeError, match="Contact is no evolution"):
         js.growth_rate(contact)
 

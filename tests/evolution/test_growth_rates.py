@@ -56,8 +56,8 @@ def test_a_rough_contact_departs_along_its_mode_at_the_growth_rate(gap):
     mode[is_free] = 1e-6 * 0.02 * np.linalg.eigh(A)[1][:, 0]
 
     def departure(sign):
-        rest, move = start.internal, sign * mode
-        moved = js.results.Internal(
+        rest, move = start.memory, sign * mode
+        moved = js.results.Memory(
             rest.gap + move, rest.strains + np.append(1, turns)[:, None] * move
         )
         times = jnp.linspace(0, 3 / rate, 61)
