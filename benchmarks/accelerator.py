@@ -97,9 +97,7 @@ def report(options: argparse.Namespace, device: str, deadline: float) -> Iterato
     batches = [n for n in BATCHES if n <= options.largest]
     marches = [n for n in MARCHES if n <= options.largest]
     precisions = (options.precision,) if options.precision else PRECISIONS
-    yield (
-        f"jaxstab {js.__version__}, jax {jax.__version__}; {device}; least of up to {REPEATS} runs"
-    )
+    yield (f"{device}; least of up to {REPEATS} runs")
     yield from ("", "Against the figures of a CPU", "")
     yield from check_figures(precisions)
     for precision in precisions:

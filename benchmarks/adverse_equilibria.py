@@ -365,7 +365,7 @@ def report(count: int, outcomes: Counter, seconds: float) -> list[str]:
     ]
     limits = ", ".join(f"{limit:g} in {precision}" for precision, limit in LIMITS.items())
     lines = [
-        f"jaxstab {js.__version__}, jax {jax.__version__}; {count} problems on grids of "
+        f"{count} problems on grids of "
         f"{', '.join('x'.join(map(str, shape)) for shape in SHAPES)} points; a gap is wrong from "
         f"{limits} of its size; {seconds:.0f} s",
         "",

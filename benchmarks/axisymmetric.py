@@ -16,7 +16,6 @@ from statistics import median
 import jax
 import jax.numpy as jnp
 import numpy as np
-from machine import machine
 
 import jaxstab as js
 from jaxstab.references import guduru, jkr, maugis
@@ -561,9 +560,9 @@ TABLES = {
 def main():
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("tables", nargs="*", help=f"some of {', '.join(TABLES)}; all by default")
-    parser.add_argument("--output", type=Path, help="write the tables there too")
+    parser.add_argument("--out", type=Path, help="a file for the tables as well")
     arguments = parser.parse_args()
-    lines = [machine(), ""]
+    lines = []
     for name in arguments.tables or TABLES:
         title, header, rows = TABLES[name]
         lines += [title, "", f"| {' | '.join(header)} |", "|" + "---|" * len(header)]
@@ -572,8 +571,8 @@ def main():
             lines.append(f"| {' | '.join(map(str, row))} |")
             print(lines[-1], flush=True)
         lines.append("")
-    if arguments.output:
-        arguments.output.write_text("\n".join(lines).rstrip("\n") + "\n")
+    if arguments.out:
+        arguments.out.write_text("\n".join(lines).rstrip("\n") + "\n")
 
 
 if __name__ == "__main__":

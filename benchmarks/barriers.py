@@ -24,7 +24,7 @@ HEAD = "| what | number | seconds | over a warm equilibrium |\n|---|---|---|---|
 def main() -> None:
     options = parse_options()
     jax.config.update("jax_enable_x64", True)
-    lines = [f"jaxstab {js.__version__}, jax {jax.__version__}; float64; {options.size}²\n", HEAD]
+    lines = [f"float64; {options.size}²\n", HEAD]
     lines += rows(options.size)
     print(*lines, sep="\n")
     if options.out:

@@ -1,11 +1,13 @@
 """Time to equilibrium of many surfaces together, by `jax.vmap`, over that of one after another.
 
-Both are compiled before they are timed; they run in turn, and medians are printed.
+Both are compiled before they are timed; they run in turn, and medians are taken.
 """
 
+import argparse
 import statistics
 import time
 from collections.abc import Callable
+from pathlib import Path
 
 import jax
 import jax.numpy as jnp
@@ -15,6 +17,7 @@ import jaxstab as js
 SURFACES = 64
 SIZES = (32, 64, 128)
 REPEATS = 9
+HEAD = "| points | law | in turn [s] | together [s] | ratio |\n|---|---|---|---|---|"
 LAWS = {
     "no adhesion": js.potentials.NoAdhesion(),
     "adhesive": js.potentials.Exponential(surface_energy=2e-4, length=1e-2),
@@ -22,14 +25,21 @@ LAWS = {
 
 
 def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--out", type=Path, help="a file for the table as well")
+    options = parser.parse_args()
     jax.config.update("jax_enable_x64", True)
-    print(f"{SURFACES} surfaces\n   n  adhesion     in turn [s]  together [s]  ratio")
+    lines = [f"{SURFACES} surfaces", "", HEAD]
+    print(*lines, sep="\n")
     for n in SIZES:
         for name, law in LAWS.items():
-            compare(n, name, law)
+            lines.append(row(n, name, law))
+            print(lines[-1], flush=True)
+    if options.out:
+        options.out.write_text("\n".join(lines) + "\n")
 
 
-def compare(n: int, name: str, law: js.potentials.Potential) -> None:
+def row(n: int, name: str, law: js.potentials.Potential) -> str:
     grid = js.Grid(n)
     keys = jax.random.split(jax.random.key(0), SURFACES)
     heights = [js.surfaces.self_affine(grid, key, k_high=n // 4, rms_slope=0.1) for key in keys]
@@ -51,7 +61,7 @@ def compare(n: int, name: str, law: js.potentials.Potential) -> None:
     seconds = [[seconds_of(run) for run in runs.values()] for _ in range(REPEATS)]
     apart, joint = (statistics.median(times) for times in zip(*seconds, strict=True))
     ratio = statistics.median(a / b for a, b in seconds)
-    print(f"{n:4d}  {name:11s} {apart:12.3f} {joint:13.3f} {ratio:6.2f}", flush=True)
+    return f"| {n}² | {name} | {apart:.3f} | {joint:.3f} | {ratio:.2f} |"
 
 
 def seconds_of(run: Callable[[], object]) -> float:

@@ -196,7 +196,7 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seeds", type=int, nargs=2, default=(0, 300), help="first, last + 1")
     parser.add_argument("--family", type=int, choices=range(len(FAMILIES)), help="of all, one")
-    parser.add_argument("--output", type=Path)
+    parser.add_argument("--out", type=Path)
     options = parser.parse_args()
     counts, rows = collections.Counter(), []
     # Family by family, since each is compiled once.
@@ -212,8 +212,8 @@ def main():
     table += [f"| {word} | {number} |" for word, number in counts.most_common()]
     table += ["", "| seed | outcome | reason |", "|---|---|---|", *rows]
     print("\n".join(table))
-    if options.output:
-        options.output.write_text("\n".join(table) + "\n")
+    if options.out:
+        options.out.write_text("\n".join(table) + "\n")
 
 
 if __name__ == "__main__":

@@ -96,7 +96,7 @@ def small(number, side, shares, minimum):
 def main():
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--number", type=int, default=300)
-    parser.add_argument("--output", type=Path)
+    parser.add_argument("--out", type=Path)
     options = parser.parse_args()
     rows = []
 
@@ -117,8 +117,8 @@ def main():
     say("| problems | points | stable | proved | certified | above | wrong |", "|---" * 7 + "|")
     say(small(options.number, 4, (0.6, 0.8), exact_minimum))
     say(small(options.number, 8, (0.7, 0.98), searched_minimum))
-    if options.output:
-        options.output.write_text("\n".join(rows) + "\n")
+    if options.out:
+        options.out.write_text("\n".join(rows) + "\n")
 
 
 if __name__ == "__main__":

@@ -85,7 +85,7 @@ def maugis_row(parameter, size, smoothing=0.05, work=1e-4, cell=12.0):
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--output", type=Path)
+    parser.add_argument("--out", type=Path)
     options = parser.parse_args()
     rows = []
 
@@ -115,8 +115,8 @@ def main():
     say("|---|---|---|---|---|---|---|---|---|")
     for refinement in range(6):
         say(johnson_row(0.5, 256 * 2**refinement, 0.5 * 2**refinement))
-    if options.output:
-        options.output.write_text("\n".join(rows) + "\n")
+    if options.out:
+        options.out.write_text("\n".join(rows) + "\n")
 
 
 if __name__ == "__main__":

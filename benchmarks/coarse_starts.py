@@ -25,8 +25,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--sizes", type=int, nargs="+", default=[512])
     parser.add_argument("--surfaces", type=int, default=2)
-    folder = Path(__file__).parent / "results"
-    parser.add_argument("--out", type=Path, default=folder / "coarse_starts.md")
+    parser.add_argument("--out", type=Path, help="a file for the table as well")
     options = parser.parse_args()
     jax.config.update("jax_enable_x64", True)
     large, rows = coarse_start._LARGE, []
@@ -50,8 +49,10 @@ def main() -> None:
                     f"| {size}² | {seed} | {name} | {used} | {unused} | {unused / used:.1f} | "
                     f"{change:.0e} |"
                 )
+                print(rows[-1], flush=True)
     head = "| grid | surface | state | pairs | without | ratio | change of the eigenvalue |"
-    options.out.write_text("\n".join([head, "|" + "---|" * 7, *rows]) + "\n")
+    if options.out:
+        options.out.write_text("\n".join([head, "|" + "---|" * 7, *rows]) + "\n")
 
 
 if __name__ == "__main__":

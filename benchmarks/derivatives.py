@@ -38,7 +38,7 @@ MAX_STEPS = 10_000
 def main() -> None:
     options = parse_options()
     jax.config.update("jax_enable_x64", True)
-    lines = [f"jaxstab {js.__version__}, jax {jax.__version__}; float64; one thread\n", HEAD]
+    lines = ["float64; one thread\n", HEAD]
     print(*lines, sep="\n")
     for n in options.sizes:
         lines.append(row(n, options.repeats))

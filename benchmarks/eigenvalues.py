@@ -26,7 +26,6 @@ import time
 import warnings
 from collections.abc import Callable, Iterator
 from functools import partial
-from importlib.metadata import version
 from pathlib import Path
 from statistics import median
 from typing import NamedTuple
@@ -34,7 +33,6 @@ from typing import NamedTuple
 import jax
 import numpy as np
 import scipy
-from machine import machine
 from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigsh, lobpcg
 
 import jaxstab as js
@@ -98,9 +96,7 @@ def parse_options() -> argparse.Namespace:
 
 
 def lines(options: argparse.Namespace) -> Iterator[str]:
-    versions = f"jax {jax.__version__}, SciPy {scipy.__version__}"
-    yield f"jaxstab {version('jaxstab')}, {versions}; float64; one thread; tolerance {TOLERANCE:g}"
-    yield machine()
+    yield f"float64; one thread; tolerance {TOLERANCE:g}"
     if not options.skip_reference:
         yield from compare_on_cone(options.sizes, options.repeats)
         yield from compare_on_space(options.sizes, options.repeats)

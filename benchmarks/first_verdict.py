@@ -19,8 +19,6 @@ import tempfile
 from pathlib import Path
 from statistics import median
 
-import jax
-
 import jaxstab as js
 
 PROGRAM = """
@@ -126,8 +124,7 @@ def report(
     options: argparse.Namespace, runs: dict[str, list[list[float]]], programs: dict[str, list]
 ) -> list[str]:
     lines = [
-        f"jaxstab {js.__version__}, jax {jax.__version__}; float64; {options.size}² points; "
-        f"{os.cpu_count()} cores; medians of {options.repeats} processes, in seconds",
+        f"float64; {options.size}² points; medians of {options.repeats} processes, in seconds",
         "",
         f"| | {' | '.join(STAGES)} | from `import jax` to the verdict |",
         "|---|" + "---|" * (len(STAGES) + 1),

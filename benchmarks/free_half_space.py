@@ -17,7 +17,6 @@ if hasattr(os, "sched_setaffinity"):
 import argparse
 import time
 import warnings
-from importlib.metadata import version
 from pathlib import Path
 from statistics import median
 
@@ -265,18 +264,17 @@ TABLES = {
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--output", type=Path, help="write the tables there too")
+    parser.add_argument("--out", type=Path, help="a file for the tables as well")
     arguments = parser.parse_args()
-    packages = "jaxstab", "jax", "Adhesion", "ContactMechanics", "muGrid"
-    lines = [", ".join(f"{package} {version(package)}" for package in packages), ""]
+    lines = []
     for title, (header, row, cases) in TABLES.items():
         lines += [title, "", f"| {' | '.join(header)} |", "|" + "---|" * len(header)]
         for case in cases:
             lines.append(row(*case))
             print(lines[-1], flush=True)
         lines.append("")
-    if arguments.output:
-        arguments.output.write_text("\n".join(lines).rstrip("\n") + "\n")
+    if arguments.out:
+        arguments.out.write_text("\n".join(lines).rstrip("\n") + "\n")
 
 
 if __name__ == "__main__":

@@ -63,7 +63,7 @@ def compare(contact, path):
 def main():
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--surfaces", type=int, default=5)
-    parser.add_argument("--output", type=Path)
+    parser.add_argument("--out", type=Path)
     options = parser.parse_args()
     rows = [
         "| seed | jump at | kind | dissipation | flow's energy less the path's, over it | points |",
@@ -89,8 +89,8 @@ def main():
             print(row, flush=True)
     rows += ["", f"{same} of {number} jumps end at the same contact points."]
     print(rows[-1])
-    if options.output:
-        options.output.write_text("\n".join(rows) + "\n")
+    if options.out:
+        options.out.write_text("\n".join(rows) + "\n")
 
 
 if __name__ == "__main__":

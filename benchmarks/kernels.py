@@ -6,6 +6,7 @@ transforms are those of the branch of an accelerator compiled for a CPU, which f
 is the number of fields that the loop hands from step to step.
 """
 
+import argparse
 import re
 import sys
 from math import prod
@@ -80,14 +81,21 @@ def num_kernels(function, depth):
 
 
 def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--out", type=Path, help="a file for the table as well")
+    options = parser.parse_args()
     jax.config.update("jax_enable_x64", True)
-    print(f"| {' | '.join(COLUMNS)} |\n|{'---|' * len(COLUMNS)}")
+    lines = [f"{POINTS}² points", "", f"| {' | '.join(COLUMNS)} |", "|" + "---|" * len(COLUMNS)]
+    print(*lines, sep="\n")
     for name, (run, depth) in solver_runs(POINTS).items():
         with as_on_an_accelerator():
             *counts, carry = measured_step(costs, run, platform="cuda", depth=depth)
             kernels = num_kernels(run, depth)
         cells = *counts, kernels, f"{carry / (8 * POINTS**2):.1f}"
-        print(f"| {name} | {' | '.join(map(str, cells))} |", flush=True)
+        lines.append(f"| `{name}` | {' | '.join(map(str, cells))} |")
+        print(lines[-1], flush=True)
+    if options.out:
+        options.out.write_text("\n".join(lines) + "\n")
 
 
 if __name__ == "__main__":

@@ -15,7 +15,6 @@ from pathlib import Path
 import jax
 import jax.numpy as jnp
 import numpy as np
-from machine import machine
 
 import jaxstab as js
 
@@ -222,7 +221,7 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--loops", type=int, default=10)
     parser.add_argument("--random", type=int, default=200)
-    parser.add_argument("--output", type=Path)
+    parser.add_argument("--out", type=Path)
     options = parser.parse_args()
     rows = []
 
@@ -230,7 +229,6 @@ def main():
         rows.extend(lines)
         print(*lines, sep="\n", flush=True)
 
-    say(machine(), "")
     say(
         "| points | states | jumps | seconds | as many equilibria | ratio |",
         "|---|---|---|---|---|---|",
@@ -253,8 +251,8 @@ def main():
     say(f"| {' | '.join(columns)} |", "|---" * len(columns) + "|")
     for loop in LOOPS[: options.loops]:
         say(loop_row(*loop))
-    if options.output:
-        options.output.write_text("\n".join(rows) + "\n")
+    if options.out:
+        options.out.write_text("\n".join(rows) + "\n")
 
 
 if __name__ == "__main__":

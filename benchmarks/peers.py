@@ -32,7 +32,6 @@ import re
 import sys
 import time
 from collections.abc import Callable, Iterator
-from importlib.metadata import version
 from importlib.util import find_spec
 from pathlib import Path
 from statistics import median
@@ -41,7 +40,6 @@ from typing import Any, NamedTuple, TextIO
 import jax
 import jax.numpy as jnp
 import numpy as np
-from machine import machine
 
 import jaxstab as js
 
@@ -88,13 +86,9 @@ class NotConvergedError(Exception):
 def main() -> None:
     options = parse_options()
     jax.config.update("jax_enable_x64", True)
-    peers = dict.fromkeys(p for name in options.peers for p in PEERS[name].packages)
-    behind = [p for p in BEHIND if "ContactMechanics" in peers]
-    packages = ["jaxstab", "jax", *peers, *behind]
-    versions = ", ".join(f"{package} {version(package)}" for package in packages)
     agree = True
     with options.out.open("w") as file:
-        emit(f"{versions}; float64; one thread; {machine()}\n", file)
+        emit("float64; one thread\n", file)
         emit(f"| {COLUMNS} |\n|{re.sub('[^|]', '-', f'-{COLUMNS}-')}|", file)
         for n in options.sizes:
             repeats = options.repeats if n <= TUNED else 1
@@ -357,8 +351,6 @@ PEERS = {
     "adhesion": Peer(("Adhesion", "ContactMechanics"), solve_adhesion, {True: 1e-8}),
     "numpi": Peer(("NuMPI", "Adhesion", "ContactMechanics"), solve_numpi, {True: 1e-8}),
 }
-# These are behind the packages of the peers.
-BEHIND = ("SurfaceTopography", "muGrid")
 
 
 if __name__ == "__main__":

@@ -5,11 +5,11 @@ problem is plain NumPy: heights, modulus, a law by name, a load. `--write FOLDER
 `.npz`, for solvers in other languages.
 
 A solver is a file in `benchmarks/solvers/` with a function `solve(problem, tolerance)`, which
-returns the gap and the processor seconds of the solution, without setting up or compiling, and the
-names of its `PACKAGES`. It raises `NotImplementedError` for a problem that it does not offer, and
-any other exception if it fails. It is called with a relative tolerance of 1e-6 and, until its
-answer is good, 1e-8 and 1e-10. The run that gives a good answer is timed. A longer one than 20 s
-has failed, and a failure counts as 20 s.
+returns the gap and the processor seconds of the solution, without setting up or compiling. It
+raises `NotImplementedError` for a problem that it does not offer, and any other exception if it
+fails. It is called with a relative tolerance of 1e-6 and, until its answer is good, 1e-8 and 1e-10.
+The run that gives a good answer is timed. A longer one than 20 s has failed, and a failure counts
+as 20 s.
 
 An answer is good if no gap is negative, the load is met to 1e-8, and the residual is at most 1e-6.
 The residual is evaluated here in NumPy: the rms value of min(k g, K u + p0 + f'(g)), which is zero
@@ -30,7 +30,6 @@ os.environ |= {
 import sys
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from importlib.metadata import version
 from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
 from types import ModuleType
@@ -268,10 +267,8 @@ def main() -> None:
         for problem in chosen:
             outcomes[name].append(run(module.solve, problem))
             print(name, problem.name, outcomes[name][-1], file=sys.stderr, flush=True)
-    packages = dict.fromkeys(p for module in solvers.values() for p in module.PACKAGES)
-    versions = ", ".join(f"{package} {version(package)}" for package in packages)
     rows = table(outcomes, [problem.name for problem in chosen])
-    lines = [f"{versions}; float64; one thread", "", *rows]
+    lines = ["float64; one thread", "", *rows]
     print("\n".join(lines))
     if options.out:
         options.out.write_text("\n".join(lines) + "\n")

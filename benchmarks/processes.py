@@ -48,7 +48,7 @@ def main():
     parser.add_argument("counts", type=int, nargs="+", help="numbers of processes")
     parser.add_argument("--points", type=int, default=256, help="along a side")
     parser.add_argument("--path", action="store_true", help="also a path of three jumps")
-    parser.add_argument("--output", type=Path, help="a file for the table")
+    parser.add_argument("--out", type=Path, help="a file for the table")
     options = parser.parse_args()
     turns = TURNS if options.path else ()
     (alone,) = found_by(1, 1, options.points, turns)
@@ -59,8 +59,8 @@ def main():
         several = found_by(count, 1, options.points, turns)
         lines.append(row(several, one, alone))
         print(lines[-1], flush=True)
-    if options.output:
-        options.output.write_text("\n".join(lines) + "\n")
+    if options.out:
+        options.out.write_text("\n".join(lines) + "\n")
 
 
 def row(several, one, alone):

@@ -17,9 +17,6 @@ import sys
 import tempfile
 from pathlib import Path
 
-import jax
-from machine import machine
-
 import jaxstab as js
 
 SETUP = """
@@ -103,11 +100,10 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--sizes", type=int, nargs="+", default=[64, 512])
     parser.add_argument("--calls", nargs="+", help="words in the names of the calls to count")
-    folder = Path(__file__).parent / "results"
-    parser.add_argument("--out", type=Path, default=folder / "programs.md")
+    parser.add_argument("--out", type=Path, help="a file for the table as well")
     options = parser.parse_args()
     lines = [
-        f"jaxstab {js.__version__}, jax {jax.__version__}; float64; {machine()}",
+        "float64",
         "",
         f"| {' | '.join(COLUMNS)} |",
         "|" + "---|" * len(COLUMNS),
@@ -118,7 +114,8 @@ def main() -> None:
             if asked and (n < LARGE or name in ON_LARGE):
                 lines.append(row(n, name, call))
                 print(lines[-1], flush=True)
-    options.out.write_text("\n".join(lines) + "\n")
+    if options.out:
+        options.out.write_text("\n".join(lines) + "\n")
 
 
 def row(n: int, name: str, call: str) -> str:

@@ -78,7 +78,7 @@ def derivatives(contact, pull):
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--output", type=Path)
+    parser.add_argument("--out", type=Path)
     options = parser.parse_args()
     rows = [
         "| law | points | seed | pull-off | kind | less bisection | derivatives less differences |",
@@ -98,8 +98,8 @@ def main():
                 )
                 print(row, flush=True)
                 rows.append(row)
-    if options.output:
-        options.output.write_text("\n".join(rows) + "\n")
+    if options.out:
+        options.out.write_text("\n".join(rows) + "\n")
 
 
 if __name__ == "__main__":

@@ -394,8 +394,7 @@ def main() -> None:
     parser.add_argument("--together", action="store_true", help="scale these at once, in one row")
     parser.add_argument("--every", type=int, default=1, help="of so many problems solve one")
     parser.add_argument("--seconds", action="store_true")
-    folder = Path(__file__).parent / "results"
-    parser.add_argument("--out", type=Path, default=folder / "sensitivity.md")
+    parser.add_argument("--out", type=Path, help="a file for the table as well")
     parser.add_argument("--solve", help=argparse.SUPPRESS)
     options = parser.parse_args()
     if options.solve:
@@ -405,7 +404,6 @@ def main() -> None:
         print(json.dumps(solved(families, options.every, options.seconds)))
         return
     lines = [
-        f"Of the tree at commit {revision()}.\n",
         f"| {' | '.join(COLUMNS)} |",
         "|" + "---|" * len(COLUMNS),
     ]
@@ -423,14 +421,8 @@ def main() -> None:
                 tried = [solve(factor, constants) for factor in FACTORS]
                 lines.append(row(constants, known, tried))
                 print(lines[-1], flush=True)
-                options.out.write_text("\n".join(lines) + "\n")
-
-
-def revision() -> str:
-    """Return the commit of the tree, and whether it has changed since."""
-    command = ["git", "describe", "--always", "--dirty"]
-    done = subprocess.run(command, cwd=PACKAGE, capture_output=True, text=True, check=True)
-    return done.stdout.strip()
+                if options.out:
+                    options.out.write_text("\n".join(lines) + "\n")
 
 
 def solve_apart(

@@ -34,7 +34,7 @@ HEAD = f"""| program | devices | MB on each | together | {" | ".join(KINDS)} | M
 def main():
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--points", type=int, default=1024, help="along a side")
-    parser.add_argument("--output", type=Path)
+    parser.add_argument("--out", type=Path)
     options = parser.parse_args()
     jax.config.update("jax_enable_x64", True)
     jax.config.update("jax_num_cpu_devices", max(COUNTS))
@@ -47,8 +47,8 @@ def main():
         for count, compiled in tables.items():
             lines.append(row(name, count, compiled[name], memory(alone)))
     print(*lines, sep="\n")
-    if options.output:
-        options.output.write_text("\n".join(lines) + "\n")
+    if options.out:
+        options.out.write_text("\n".join(lines) + "\n")
 
 
 def lowered(n, count):

@@ -231,7 +231,7 @@ def damaged_case(seed, energy):
 def main():
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--kills", type=int, default=20)
-    parser.add_argument("--output", type=Path)
+    parser.add_argument("--out", type=Path)
     parser.add_argument("--one", action="store_true", help=argparse.SUPPRESS)
     parser.add_argument("--two", action="store_true", help=argparse.SUPPRESS)
     options = parser.parse_args()
@@ -251,8 +251,8 @@ def main():
             *damages(folder),
         ]
     print(*lines, sep="\n")
-    if options.output:
-        options.output.write_text("\n".join(lines) + "\n")
+    if options.out:
+        options.out.write_text("\n".join(lines) + "\n")
 
 
 if __name__ == "__main__":

@@ -306,7 +306,7 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--quick", action="store_true", help="leave out the larger cases")
     parser.add_argument("--large", action="store_true", help="add the largest cases")
-    parser.add_argument("--output", type=Path)
+    parser.add_argument("--out", type=Path)
     parser.add_argument("--figures", type=Path, help="a folder for the figures")
     parser.add_argument("--challenge", type=Path, help="the challenge's surface, a file of it")
     parser.add_argument(
@@ -328,8 +328,8 @@ def main():
         lines.append(str(row))
         print(row, flush=True)
     print(f"{time.perf_counter() - start:.0f} s")
-    if options.output:
-        options.output.write_text("\n".join(lines) + "\n")
+    if options.out:
+        options.out.write_text("\n".join(lines) + "\n")
 
 
 if __name__ == "__main__":

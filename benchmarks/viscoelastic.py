@@ -382,7 +382,7 @@ def main() -> None:
     parser.add_argument("--quick", action="store_true", help="smaller grids")
     parser.add_argument("--only", choices=[rows.__name__ for rows in ROWS])
     parser.add_argument("--cost", action="store_true", help="seconds alone, on an idle machine")
-    parser.add_argument("--output", type=Path)
+    parser.add_argument("--out", type=Path)
     options = parser.parse_args()
     lines = [HEAD]
     print(HEAD, flush=True)
@@ -393,8 +393,8 @@ def main() -> None:
             lines.append(row.text(time.perf_counter() - began))
             print(lines[-1], flush=True)
             began = time.perf_counter()
-    if options.output:
-        options.output.write_text("\n".join(lines) + "\n")
+    if options.out:
+        options.out.write_text("\n".join(lines) + "\n")
 
 
 if __name__ == "__main__":

@@ -13,7 +13,6 @@ from Adhesion.System import BoundedSmoothContactSystem
 from ContactMechanics import PeriodicFFTElasticHalfSpace
 from SurfaceTopography import Topography
 
-PACKAGES = "Adhesion", "ContactMechanics", "SurfaceTopography", "muGrid"
 MAX_STEPS = 5_000
 MAX_OFFSETS = 20
 

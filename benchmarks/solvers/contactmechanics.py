@@ -7,7 +7,6 @@ from ContactMechanics import PeriodicFFTElasticHalfSpace
 from ContactMechanics.Optimization import constrained_conjugate_gradients
 from SurfaceTopography import Topography
 
-PACKAGES = "ContactMechanics", "SurfaceTopography", "muGrid"
 MAX_STEPS = 5_000
 
 

@@ -7,7 +7,6 @@ import numpy as np
 
 import jaxstab as js
 
-PACKAGES = "jaxstab", "jax"
 LAWS = {
     "exponential": js.potentials.Exponential,
     "gaussian": js.potentials.Gaussian,

@@ -18,7 +18,6 @@ from NuMPI.Optimization import (
     tr_newton_bounded,
 )
 
-PACKAGES = ("NuMPI",)
 MAX_STEPS = 2_000
 
 

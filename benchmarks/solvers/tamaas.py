@@ -5,7 +5,6 @@ from time import process_time
 import numpy as np
 import tamaas
 
-PACKAGES = ("tamaas",)
 FUNCTIONALS = {
     "exponential": tamaas.ExponentialAdhesionFunctional,
     "gaussian": tamaas.SquaredExponentialAdhesionFunctional,
