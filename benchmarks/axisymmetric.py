@@ -163,23 +163,29 @@ def dead_rows():
 
 
 # Under a held far side less contact is left before the jump than under a dead load, where rings are
-# wider: the disc is as small as the attraction allows.
-HELD = ((0.2, 200, 6.0), (0.5, 200, 4.0), (1.0, 400, 2.2), (2.0, 400, 1.8), (5.0, 500, 1.4))
+# wider: the disc is as small as the attraction allows. A small Maugis parameter has its fold within
+# the width over which the law is smoothed, which is therefore shorter.
+HELD = (
+    (0.2, 800, 6.0, 0.02),
+    (0.5, 800, 4.0, 0.02),
+    (1.0, 800, 2.2, SMOOTHING),
+    (2.0, 800, 1.8, SMOOTHING),
+    (5.0, 500, 1.4, SMOOTHING),
+)
 
 
-def held_dugdale(parameter, number, disc):
-    law = js.potentials.Dugdale(WORK, WORK / strength_of(parameter), SMOOTHING)
+def held_dugdale(parameter, number, disc, smoothing):
+    law = js.potentials.Dugdale(WORK, WORK / strength_of(parameter), smoothing)
     return half_space(number, disc * float(UNIT.contact_radius), paraboloid, law, MODULUS)
 
 
 def held_rows():
-    for parameter, number, disc in HELD:
-        contact = held_dugdale(parameter, number, disc)
+    for parameter, number, disc, smoothing in HELD:
+        contact = held_dugdale(parameter, number, disc, smoothing)
         exact = maugis.pull_off(*SPHERE, strength_of(parameter), np.inf)
         ends = js.FarDisplacement(-exact.displacement * jnp.array([0.2, 1.05]))
         path = js.follow(contact, ends, initial=js.equilibrate(contact, ends[0]))
         if len(path.jumps) == 0:
-            # The fold of the sharp law lies within the width over which this one is smoothed.
             yield parameter, number, "no jump", "", "", "", ""
             continue
         jump = path.jumps[int(jnp.argmax(path.jumps.dissipation))]
@@ -197,6 +203,7 @@ def held_rows():
 
 # Where the branch begins, in units of d0, and how many states it may have.
 BRANCH_START, BRANCH_STATES = -0.2, 1000
+BRANCHES = ((0.5, 400, 4.0, 0.02), (1.0, 400, 2.2, 0.02), (2.0, 400, 1.8, SMOOTHING))
 
 
 def maugis_points(parameter):
@@ -214,8 +221,8 @@ def maugis_points(parameter):
 
 
 def branch_rows():
-    for parameter, number, disc in ((0.5, 200, 4.0), (1.0, 400, 2.2), (2.0, 400, 1.8)):
-        contact = held_dugdale(parameter, number, disc)
+    for parameter, number, disc, smoothing in BRANCHES:
+        contact = held_dugdale(parameter, number, disc, smoothing)
         near = BRANCH_START * float(UNIT.displacement)
         far = 1.2 * float(UNIT.displacement) + 1.6 * WORK / strength_of(parameter)
         start = js.equilibrate(contact, js.FarDisplacement(-near))
