@@ -21,7 +21,14 @@ POINTS = 64
 # In HLO: operations that start no kernel.
 FREE = {"parameter", "constant", "get-tuple-element", "tuple", "bitcast"}
 NESTED = {"while", "conditional", "call"}
-COLUMNS = "solver", "waits", "sums", "pairs of transforms", "kernels", "carry"
+COLUMNS = (
+    "a step of",
+    "waits of the host",
+    "sums over fields",
+    "pairs of transforms",
+    "other kernels, as compiled for a CPU",
+    "fields handed on",
+)
 
 
 def costs(loop, step):

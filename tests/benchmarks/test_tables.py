@@ -53,7 +53,7 @@ WAITING = {
         ),
         "made by its script alone, before tables had heads",
     ),
-    **dict.fromkeys(("kernels", "pictures", "paper_figures"), "not yet made by one command"),
+    **dict.fromkeys(("pictures", "paper_figures"), "not yet made by one command"),
 }
 
 
