@@ -288,3 +288,19 @@ def test_files_keep_both_units(tmp_path, probe):
     contact, loaded = js.load(js.save(tmp_path / "run.nc", probe, state))
     assert (contact.unit, contact.pressure_unit) == ("nm", "GPa")
     assert str(loaded) == str(state) and "nN" in str(loaded)
+
+
+@pytest.mark.parametrize(
+    ("largest", "expected"),
+    [
+        (4.2e4, (1e3, "kPa")),
+        (-999.0, (1.0, "Pa")),
+        (1e9, (1e9, "GPa")),
+        (0.0, (1.0, "Pa")),
+        (np.nan, (1.0, "Pa")),
+        (3e-20, (1e-18, "aPa")),
+        (1e17, (1e12, "TPa")),
+    ],
+)
+def test_a_prefix_suits_the_largest_number(largest, expected):
+    assert js.units.prefixed(largest, "Pa") == expected

@@ -6,6 +6,7 @@ from typing import Any
 from jaxstab.cli.options import OF_A_FILE
 from jaxstab.cli.problem import load_file, surface_of
 from jaxstab.core.grid import Grid
+from jaxstab.files import load
 from jaxstab.files.netcdf import attributes_of
 from jaxstab.surfaces import Topography
 from jaxstab.surfaces.read import scan_of
@@ -31,8 +32,10 @@ def run(options: argparse.Namespace) -> None:
         )
     print(attributes["title"])
     for name, text in attributes.items():
-        if name not in ("title", "structure", "checksums"):
+        if name not in ("title", "structure", "checksums", "class", "curve", "fit"):
             print(f"  {name.replace('_', ' ')}: {text}")
+    if "class" in attributes:
+        print(f"\n{load(options.file)}")
     if "structure" in attributes:
         contact, result = load_file(options)
         print(f"\n{contact}\n\n{result}")

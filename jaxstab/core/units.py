@@ -352,9 +352,15 @@ def readable_unit(units: Units, dimension: str, largest: float) -> tuple[float, 
     takes_prefix = shown_unit(text) and _takes_prefix(text)
     if exponent is None or not takes_prefix or not 0 < largest < np.inf:
         return 1.0, unit_symbol(units, dimension)
+    power, prefix = suitable_prefix(largest, exponent)
+    return 10.0 ** (power - exponent), prefix + text
+
+
+def suitable_prefix(largest: float, exponent: int = 0) -> tuple[int, str]:
+    """Return the power of ten and the prefix that suit a positive number times 10^exponent."""
     power = int(3 * np.floor((np.log10(largest) + exponent + 1e-9) / 3))
     power = min(max(power, min(_PREFIXES)), max(_PREFIXES))
-    return 10.0 ** (power - exponent), _PREFIXES[power] + text
+    return power, _PREFIXES[power]
 
 
 def chosen_unit(units: Units, dimension: str) -> tuple[float, str]:

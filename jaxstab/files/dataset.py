@@ -271,6 +271,14 @@ def _coordinates(
     return coordinates
 
 
+def common_attributes() -> dict[str, object]:
+    """Return the versions of the packages, and the number of the format."""
+    return {
+        "versions": json.dumps(versions() | {"python": platform.python_version()}),
+        "format": FORMAT,
+    }
+
+
 def _attributes(
     contact: Contact, result: Result, load: Load | None, structure: Structure
 ) -> dict[str, object]:
@@ -278,8 +286,7 @@ def _attributes(
         "title": f"{type(result).__name__} of an adhesive contact, by jaxstab",
         "solid": text(contact.solid, contact.units),
         "law": text(contact.potential, contact.units),
-        "versions": json.dumps(versions() | {"python": platform.python_version()}),
-        "format": FORMAT,
+        **common_attributes(),
     }
     if load is not None:
         attributes["load_kind"] = type(load).__name__

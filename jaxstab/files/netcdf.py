@@ -8,20 +8,23 @@ import zlib
 from collections.abc import Hashable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
+from importlib import import_module
+from importlib.util import find_spec
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol, Self, cast, overload, runtime_checkable
 
 import jax
 import numpy as np
 from jax.typing import DTypeLike
 
+import jaxstab
 from jaxstab.contact import Contact
 from jaxstab.core.atomic_write import write_whole
 from jaxstab.core.checks import require_kind
 from jaxstab.core.optional_packages import NETCDF, require_packages
 from jaxstab.core.warn import warn
 from jaxstab.evolution import Evolution
-from jaxstab.files.dataset import FORMAT, Result, to_dataset
+from jaxstab.files.dataset import FORMAT, Result, common_attributes, to_dataset
 from jaxstab.files.records import LostFunction, Structure, functions_of, lost_classes, restore
 from jaxstab.files.tabulated_law import require_same_law
 from jaxstab.potentials import Potential, as_module
@@ -33,23 +36,44 @@ if TYPE_CHECKING:
 _MAGIC = b"\x89HDF"
 # Arrays of more numbers are compressed.
 _LARGE = 1000
+# The attribute that names the class of an object written alone, and those that such objects keep
+# what is in no array in.
+_CLASS = "class"
+_DESCRIPTIONS = _CLASS, "curve", "fit"
+_PACKAGE = jaxstab.__name__
 
 
+@runtime_checkable
+class _Described(Protocol):
+    """An object that a data set describes whole, such as the fit of a force curve."""
+
+    def to_dataset(self) -> xarray.Dataset: ...
+
+    @classmethod
+    def from_dataset(cls, dataset: xarray.Dataset) -> Self: ...
+
+
+@overload
+def save(path: str | Path, contact: Contact, result: Result, *, fields: bool = True) -> Path: ...
+@overload
+def save(path: str | Path, contact: _Described) -> Path: ...
 def save(
     path: str | Path,
-    contact: Contact,
-    result: Result,
+    contact: Contact | _Described,
+    result: Result | None = None,
     *,
     fields: bool = True,
 ) -> Path:
     """Write a contact and a result as NetCDF: the data set of `to_dataset`.
+
+    A force curve or its fit is written alone, as in `jaxstab.save("fit.nc", fit)`.
 
     A law that is an `equinox.Module` is restored from the path of its class and its numbers. A
     bare function is kept only as a table of its values, and a warning says so.
 
     Arguments:
         path: the file; it must not exist yet.
-        contact: the contact problem.
+        contact: the contact problem, or a force curve or its fit, without a result.
         result, fields: as in `to_dataset`.
 
     Returns:
@@ -68,7 +92,14 @@ def save(
     if path.suffix != ".nc":
         raise ValueError(f"{path} does not end in .nc.")
     require_packages("NetCDF files", "data", *NETCDF)
-    dataset = to_dataset(contact, result, fields=fields)
+    if isinstance(contact, _Described):
+        if result is not None:
+            raise TypeError(
+                f"A {type(contact).__name__} is written alone: give no result beside it."
+            )
+        dataset = contact.to_dataset().assign_attrs(**common_attributes(), **_named(contact))
+    else:
+        dataset = to_dataset(contact, cast(Any, result), fields=fields)
     lost = functions_of(json.loads(dataset.attrs.get("structure", "null")))
     if lost:
         warn(
@@ -94,8 +125,10 @@ def save(
     return path
 
 
-def load(path: str | Path, *, potential: Potential | None = None) -> tuple[Contact, Any]:
+def load(path: str | Path, *, potential: Potential | None = None) -> Any:
     """Return the contact and the result that `save` wrote, to the last bit, on one device.
+
+    A force curve or a fit that was written alone is returned alone.
 
     Loading runs no code: your own classes are restored if their module has been imported.
 
@@ -116,13 +149,16 @@ def load(path: str | Path, *, potential: Potential | None = None) -> tuple[Conta
         ImportError: without xarray, h5netcdf and h5py.
     """
     path = Path(path)
-    with _open(path) as dataset:
-        arrays = _arrays(dataset)
-        attributes = dict(dataset.attrs)
+    with _open(path) as file:
+        dataset = file.load()
+    arrays = _arrays(dataset)
+    attributes = dict(dataset.attrs)
     _require_format(path, attributes)
     damaged = _damaged_parts(arrays, attributes)
     if damaged:
         raise ValueError(f"{path} was changed since it was written, or is damaged: {damaged[0]}.")
+    if _CLASS in attributes:
+        return _described_class(path, attributes[_CLASS]).from_dataset(dataset)
     structure = json.loads(attributes["structure"])
     is_double = any(a.dtype.kind in "fiu" and a.dtype.itemsize == 8 for a in arrays.values())
     if is_double and jax.dtypes.canonicalize_dtype(np.float64) != np.float64:
@@ -155,15 +191,36 @@ def attributes_of(path: str | Path) -> dict[str, str] | None:
         return dict(dataset.attrs)
 
 
+def _named(described: _Described) -> dict[str, str]:
+    """Return the attribute that names a class by the package that its module lies in."""
+    kind = type(described)
+    return {_CLASS: f"{kind.__module__.rpartition('.')[0]}:{kind.__name__}"}
+
+
+def _described_class(path: Path, name: str) -> type[_Described]:
+    """Return a public class of this package by its name in a file."""
+    module, _, word = name.partition(":")
+    found = None
+    if module.split(".")[0] == _PACKAGE and find_spec(module) is not None:
+        room = import_module(module)
+        found = getattr(room, word) if word in room.__all__ else None
+    if not (isinstance(found, type) and issubclass(found, _Described)):
+        raise ValueError(f"{path} names {name}, which is no class of jaxstab for files.")
+    return found
+
+
 def _arrays(dataset: xarray.Dataset) -> dict[str, np.ndarray]:
     return {str(name): np.asarray(array) for name, array in dataset.variables.items()}
 
 
 def _checksums(arrays: dict[str, np.ndarray], attributes: dict[str, str]) -> dict[str, int]:
-    """Return the checksums of all arrays, and of the structure."""
+    """Return the checksums of all arrays, and of the texts that tell what they are."""
     # A changed byte may leave no valid text.
-    structure = attributes.get("structure", "").encode(errors="surrogateescape")
-    contents: dict[str, Any] = {"structure": structure}
+    contents: dict[str, Any] = {
+        name: attributes.get(name, "").encode(errors="surrogateescape")
+        for name in ("structure", *_DESCRIPTIONS)
+        if name == "structure" or name in attributes
+    }
     for name, array in arrays.items():
         if array.dtype.kind in "fiub":
             # Large arrays are not copied.
@@ -215,7 +272,7 @@ def _open(path: Path) -> Iterator[xarray.Dataset]:
 def _require_format(path: Path, attributes: dict[str, str]) -> None:
     if "versions" not in attributes:
         raise ValueError(f"{path} was not written by jaxstab.save.")
-    if "structure" not in attributes:
+    if "structure" not in attributes and _CLASS not in attributes:
         raise ValueError(
             f"{path} was written with fields=False, so it cannot become a result: open it with "
             "xarray.open_dataset."

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.optimize import least_squares
 
 import jaxstab as js
-from jaxstab.lab.fit import ForceCurveFit, own_units
+from jaxstab.lab.fit import ForceCurveFit, own_units, write_table
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -24,8 +25,9 @@ _LEAST = 0.3
 # The start of a fit: the slope of a line, or the roots of the numbers of the polynomial, where
 # lengths and forces are parts of the whole curve; and its evaluations.
 _LINE, _POLYNOMIAL, _MOST = [1.0], [0.3, 0.3, 0.1], 500
-# A figure shows this part of the depth beyond the contact points.
-_BESIDE = 0.3
+# A figure shows this part of the depth beyond the contact points; the depth is no less than the
+# other part of the approach.
+_BESIDE, _NARROWEST = 0.3, 0.02
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -43,12 +45,21 @@ class ContactPoints:
 
     @property
     def scatter(self) -> float:
-        """The standard deviation of the contact points: an error that no method shows [m]."""
-        found = np.array([*self.points.values()])
-        return float(np.std(found[np.isfinite(found)], ddof=1))
+        """The standard deviation of the contact points: an error that no method shows [m].
+
+        It is NaN if fewer than two methods find a point.
+        """
+        found = np.array([*self._found.values()])
+        return float(np.std(found, ddof=1)) if found.size > 1 else np.nan
+
+    @property
+    def _found(self) -> dict[str, float]:
+        return {name: point for name, point in self.points.items() if np.isfinite(point)}
 
     def plot(self, axes: Axes | None = None) -> Axes:
         """Draw the approach near the contact, with each contact point.
+
+        If no method finds a point the whole approach is drawn.
 
         Arguments:
             axes: the axes to draw on; new ones by default.
@@ -57,32 +68,61 @@ class ContactPoints:
             from matplotlib import pyplot as plt
 
             axes = plt.figure(layout="constrained").add_subplot()
-        approach = self.curve.approach
+        curve = self.curve.readable
+        approach = curve.approach
         assert approach is not None
-        length = own_units(self.curve)[0]
-        axes.plot(approach.tip_position, approach.force, ".", color="0.7", markersize=3)
-        found = {name: x * length for name, x in self.points.items() if np.isfinite(x)}
+        length = own_units(curve)[0]
+        tips, forces = (x[approach.is_present] for x in (approach.tip_position, approach.force))
+        axes.plot(tips, forces, ".", color="0.7", markersize=3)
+        axes.set_xlabel(f"tip position [{curve.unit}]")
+        axes.set_ylabel(f"force [{curve.force_unit}]")
+        found = {name: x * length for name, x in self._found.items()}
+        if not found:
+            axes.set_title("no contact point found")
+            return axes
         for number, (name, point) in enumerate(found.items()):
             axes.axvline(point, color=f"C{number}", label=name.replace("_", " "))
         first, last = min(found.values()), max(found.values())
-        beside = _BESIDE * (last - np.nanmin(approach.tip_position))
+        # Points all at the deepest place would leave a figure of no width.
+        beside = _BESIDE * max(last - tips.min(), _NARROWEST * np.ptp(tips))
         axes.set_xlim(first - beside, last + beside)
-        is_shown = np.abs(approach.tip_position - (first + last) / 2) < beside + (last - first) / 2
-        shown = approach.force[is_shown]
-        margin = 0.1 * np.ptp(shown)
-        axes.set_ylim(shown.min() - margin, shown.max() + margin)
-        axes.set_xlabel(f"tip position [{self.curve.unit}]")
-        axes.set_ylabel(f"force [{self.curve.force_unit}]")
+        shown = forces[(tips > first - beside) & (tips < last + beside)]
+        if shown.size:
+            margin = 0.1 * np.ptp(shown)
+            axes.set_ylim(shown.min() - margin, shown.max() + margin)
         axes.legend(frameon=False)
         return axes
 
+    def to_csv(self, path: str | Path) -> Path:
+        """Write the contact point of each method as text in UTF-8, and return its path.
+
+        Arguments:
+            path: the file; it must not exist yet.
+
+        Raises:
+            FileExistsError: if the file exists.
+        """
+        comments = [
+            ("contact points", "tip positions from the zero of the corrected curve"),
+            ("source", self.curve.source),
+            ("scatter", f"{self.scatter:.9g} m"),
+        ]
+        columns = {
+            "method": [*self.points],
+            "contact point [m]": [*self.points.values()],
+        }
+        return write_table(path, comments, columns)
+
     def __repr__(self) -> str:
-        unit = self.curve.unit
-        length = own_units(self.curve)[0]
+        curve = self.curve.readable
+        unit, length = curve.unit, own_units(curve)[0]
         rows = {name.replace("_", " "): x * length for name, x in self.points.items()}
         rows["scatter"] = self.scatter * length
         width = max(map(len, rows))
-        lines = [f"  {name:<{width}}  {value:10.4g} {unit}" for name, value in rows.items()]
+        lines = [
+            f"  {name:<{width}}  " + ("none" if np.isnan(value) else f"{value:10.4g} {unit}")
+            for name, value in rows.items()
+        ]
         return "\n".join([type(self).__name__, *lines])
 
 

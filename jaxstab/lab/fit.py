@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import csv
-from collections.abc import Iterator
-from dataclasses import dataclass
+import json
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Literal, Self
 
 import numpy as np
 
@@ -26,7 +27,7 @@ _SYMBOLS = {
 # A figure shows this part of the depth beyond the contact and beyond the fitted attraction, which
 # ends where it is this part of the largest one.
 _BESIDE, _FAINT = 0.3, 0.02
-_PREFIXES = {-12: "p", -9: "n", -6: "µ", -3: "m", 0: "", 3: "k", 6: "M", 9: "G", 12: "T"}
+_LENGTHS, _FORCES = js.units.powers_of_ten("length"), js.units.powers_of_ten("force")
 
 
 @dataclass(frozen=True)
@@ -104,6 +105,7 @@ class ForceCurveFit:
         """Return the curve, as its own `to_dataset`, with the fitted forces and all numbers.
 
         Each number is in SI units, with `units` and `standard_error` among its attributes.
+        `from_dataset` is the inverse; `jaxstab.save` and `load` write and read a fit as a file.
 
         Raises:
             ImportError: without xarray.
@@ -118,7 +120,37 @@ class ForceCurveFit:
         dataset["noise"] = ((), self.noise, {"units": "N"})
         dataset["misfit"] = ((), self.misfit, {"units": "N"})
         title = {"title": "Fit of a force curve", **dict(self._statements())}
-        return dataset.assign_attrs(title)
+        inputs = {
+            "result": self.result.name,
+            "segment": self.segment,
+            "tip": {"shape": type(self.tip).__name__, **vars(self.tip)},
+            "poisson_ratio": self.poisson_ratio,
+            "errors": asdict(self.errors),
+        }
+        return dataset.assign_attrs(title, fit=json.dumps(inputs))
+
+    @classmethod
+    def from_dataset(cls, dataset: xarray.Dataset) -> Self:
+        """Return the fit of a data set that `to_dataset` made.
+
+        Raises:
+            ValueError: for another data set.
+        """
+        if "fit" not in dataset.attrs:
+            raise ValueError("The data set is none of a fit, made by its `to_dataset`.")
+        inputs = json.loads(dataset.attrs["fit"])
+        shapes = {shape.__name__: shape for shape in (*Tip.__subclasses__(), FlatPunch)}
+        tip = inputs.pop("tip")
+        numbers = {name: float(dataset[name]) for name in (*_SYMBOLS, "noise", "misfit")}
+        return cls(
+            **numbers,
+            errors=FitErrors(**inputs.pop("errors")),
+            result=getattr(js.RESULTS, inputs.pop("result")),
+            curve=js.lab.force_curves.ForceCurve.from_dataset(dataset),
+            tip=shapes[tip.pop("shape")](**tip),
+            forces=np.asarray(dataset["fitted_force"]),
+            **inputs,
+        )
 
     def to_csv(self, path: str | Path) -> Path:
         """Write numbers, errors and the fitted curve as text in UTF-8, and return its path.
@@ -142,18 +174,11 @@ class ForceCurveFit:
             **tip,
             **time,
         }
-        path = Path(path)
-        with path.open("x", encoding="utf-8", newline="") as file:
-            for name, text in self._statements():
-                file.write(f"# {name}: {text}\n")
-            for name, symbol in _SYMBOLS.items():
-                value, error = getattr(self, name), getattr(self.errors, name)
-                file.write(f"# {name}: {value:.9g} {symbol}, standard error {error:.3g} {symbol}\n")
-            writer = csv.writer(file, lineterminator="\n")
-            writer.writerow(columns)
-            for row in zip(*columns.values(), strict=True):
-                writer.writerow([f"{value:.9g}" for value in row])
-        return path
+        comments = [*self._statements()]
+        for name, symbol in _SYMBOLS.items():
+            value, error = getattr(self, name), getattr(self.errors, name)
+            comments.append((name, f"{value:.9g} {symbol}, standard error {error:.3g} {symbol}"))
+        return write_table(path, comments, columns)
 
     def plot(self, axes: Axes | None = None) -> Axes:
         """Draw the curve over the tip position, with the fitted forces and the contact point.
@@ -164,17 +189,20 @@ class ForceCurveFit:
             axes: the axes to draw on; new ones by default.
         """
         axes = js.plots.force_curve(self.curve, "tip_position", axes=axes)
-        tips = self.tip_positions
-        contact = self.contact_point * own_units(self.curve)[0]
-        axes.plot(tips, self.forces, color="black", linewidth=1, label="fit")
+        shown = self.curve.readable
+        own, drawn = own_units(self.curve), own_units(shown)
+        tips = self.tip_positions * (drawn[0] / own[0])
+        forces = self.forces * (drawn[1] / own[1])
+        contact = self.contact_point * drawn[0]
+        axes.plot(tips, forces, color="black", linewidth=1, label="fit")
         axes.axvline(contact, color="grey", linewidth=1, linestyle=":", label="contact point")
         deepest = np.nanmin(tips)
         depth = contact - deepest
         end = contact
         if self.work_of_adhesion > 0:
-            is_attracted = self.forces < _FAINT * np.nanmin(self.forces)
+            is_attracted = forces < _FAINT * np.nanmin(forces)
             end = max(end, np.nanmax(tips[is_attracted], initial=contact))
-        lowest, highest = np.nanmin(self.forces), np.nanmax(self.forces)
+        lowest, highest = np.nanmin(forces), np.nanmax(forces)
         margin = _BESIDE * (highest - lowest) / 2
         axes.set_xlim(deepest - _BESIDE * depth / 2, end + _BESIDE * (end - deepest))
         axes.set_ylim(lowest - margin, highest + margin)
@@ -205,20 +233,35 @@ class ForceCurveFit:
             ).rstrip()
             for row in rows
         ]
-        by, prefix = prefixed(self.noise)
+        by, unit = js.units.prefixed(self.noise, "N")
         head = (
             f"ForceCurveFit: {self.result.name}, {self.segment}, {self.tip}, misfit "
-            f"{self.misfit / self.noise:.2g} times the noise of {self.noise / by:.3g} {prefix}N"
+            f"{self.misfit / self.noise:.2g} times the noise of {self.noise / by:.3g} {unit}"
         )
         return "\n".join([head, *lines])
 
 
+def write_table(
+    path: str | Path, comments: Iterable[tuple[str, str]], columns: Mapping[str, Iterable]
+) -> Path:
+    """Write comments and columns by their titles as text in UTF-8, and return its path.
+
+    Raises:
+        FileExistsError: if the file exists.
+    """
+    path = Path(path)
+    with path.open("x", encoding="utf-8", newline="") as file:
+        file.writelines(f"# {name}: {text}\n" for name, text in comments)
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(columns)
+        for row in zip(*columns.values(), strict=True):
+            writer.writerow([x if isinstance(x, str) else f"{x:.9g}" for x in row])
+    return path
+
+
 def own_units(curve: js.lab.force_curves.ForceCurve) -> tuple[float, float]:
     """Return one metre and one newton in the units of a curve."""
-    one = js.lab.force_curves.Segment(np.ones(1), np.ones(1))
-    unit = js.lab.force_curves.ForceCurve(one, None).in_units(curve.unit, curve.force_unit)
-    assert unit.approach is not None
-    return float(unit.approach.height[0]), float(unit.approach.force[0])
+    return 10.0 ** -_LENGTHS[curve.unit], 10.0 ** -_FORCES[curve.force_unit]
 
 
 def _rows(fit: ForceCurveFit) -> Iterator[tuple[str, str, str, str, str]]:
@@ -235,17 +278,9 @@ def _rows(fit: ForceCurveFit) -> Iterator[tuple[str, str, str, str, str]]:
         if np.isnan(value):
             yield name, "-", "-", "", ""
             continue
-        by, prefix = prefixed(max(abs(value), np.nan_to_num(error)))
+        by, unit = js.units.prefixed(max(abs(value), np.nan_to_num(error)), symbol)
         in_own = f"{value * factor:.5g} ± {error * factor:.2g} {own}"
         if np.isnan(error):
             in_own = f"{value * factor:.5g} {own}"
         errors = "-" if np.isnan(error) else f"{error / by:.2g}"
-        yield name, f"{value / by:.5g}", errors, prefix + symbol, in_own
-
-
-def prefixed(value: float) -> tuple[float, str]:
-    """Return a power of ten near a number, and its prefix."""
-    if value == 0 or not np.isfinite(value):
-        return 1.0, ""
-    power = int(np.clip(np.floor(np.log10(value) / 3) * 3, -12, 12))
-    return 10.0**power, _PREFIXES[power]
+        yield name, f"{value / by:.5g}", errors, unit, in_own

@@ -5,13 +5,14 @@ from __future__ import annotations
 import warnings
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 import jaxstab as js
 from jaxstab.lab import dugdale
-from jaxstab.lab.fit import ForceCurveFit, own_units, prefixed
+from jaxstab.lab.fit import ForceCurveFit, own_units, write_table
 from jaxstab.lab.fit_curve import fit_curve
 from jaxstab.lab.fit_each import Fits, fit_each
 from jaxstab.lab.tips import FlatPunch, Tip
@@ -67,9 +68,9 @@ class ModulusOverDepth:
             from matplotlib import pyplot as plt
 
             axes = plt.figure(layout="constrained").add_subplot()
-        curve = self.parts.curves[0]
+        curve = self.parts.curves[0].readable
         depths = self.depths * own_units(curve)[0]
-        by, prefix = prefixed(float(np.nanmax(self.youngs_moduli)))
+        by, unit = js.units.prefixed(float(np.nanmax(self.youngs_moduli)), "Pa")
         moduli, errors = self.youngs_moduli / by, self.errors / by
         fits = self.parts.fits
         is_good = np.array([fit and fit.result == js.RESULTS.successful for fit in fits], bool)
@@ -89,18 +90,37 @@ class ModulusOverDepth:
                     label=label,
                 )
         axes.set_xlabel(f"indentation depth [{curve.unit}]")
-        axes.set_ylabel(f"Young's modulus [{prefix}Pa]")
+        axes.set_ylabel(f"Young's modulus [{unit}]")
         axes.set_xlim(left=0)
         axes.set_ylim(bottom=0)
         if not is_good.all():
             axes.legend(frameon=False)
         return axes
 
+    def to_csv(self, path: str | Path) -> Path:
+        """Write depths, moduli, errors and statuses as text in UTF-8, and return its path.
+
+        Arguments:
+            path: the file; it must not exist yet.
+
+        Raises:
+            FileExistsError: if the file exists.
+        """
+        whole = self.parts.curves[-1]
+        comments = [("modulus over depth", "apparent moduli"), ("source", whole.source)]
+        columns = {
+            "depth [m]": self.depths,
+            "youngs modulus [Pa]": self.youngs_moduli,
+            "standard error [Pa]": self.errors,
+            "status": self.statuses,
+        }
+        return write_table(path, comments, columns)
+
     def __repr__(self) -> str:
         return "\n".join([type(self).__name__, *self._rows()])
 
     def _rows(self) -> Iterator[str]:
-        curve = self.parts.curves[0]
+        curve = self.parts.curves[0].readable
         length = own_units(curve)[0]
         fits, reasons = self.parts.fits, self.parts.reasons
         for depth, fit, reason in zip(self.depths, fits, reasons, strict=True):
@@ -108,10 +128,10 @@ class ModulusOverDepth:
             if fit is None:
                 yield f"{place}  no fit: {reason}"
                 continue
-            by, prefix = prefixed(fit.youngs_modulus)
+            by, unit = js.units.prefixed(fit.youngs_modulus, "Pa")
             yield (
                 f"{place}  modulus {fit.youngs_modulus / by:8.4g} ± "
-                f"{fit.errors.youngs_modulus / by:.2g} {prefix}Pa  {fit.result.name}"
+                f"{fit.errors.youngs_modulus / by:.2g} {unit}  {fit.result.name}"
             )
 
 

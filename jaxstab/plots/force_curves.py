@@ -1,7 +1,7 @@
 """Measured force curves."""
 
 from collections.abc import Mapping
-from typing import Any, Literal, Protocol
+from typing import Any, Literal, Protocol, Self
 
 from matplotlib.axes import Axes
 
@@ -18,6 +18,9 @@ class _ForceCurve(Protocol):
 
     @property
     def segments(self) -> Mapping[str, Any]: ...
+
+    @property
+    def readable(self) -> Self: ...
 
     @property
     def spring_constant(self) -> float | None: ...
@@ -37,6 +40,8 @@ def force_curve(
 ) -> Axes:
     """Draw a measured force curve: its segments over tip position, height or time.
 
+    A curve in metres and newtons is drawn with the prefixes that suit it, as `curve.readable`.
+
     Arguments:
         curve: a result of `jaxstab.lab.force_curves.read`.
         abscissa: by default the tip position, or the height if the spring constant is unknown.
@@ -54,6 +59,7 @@ def force_curve(
         if curve.spring_constant is None:
             abscissa = "height"
     require_one_of("abscissa", abscissa, _ABSCISSAE)
+    curve = curve.readable
     axes = axes_or_new(axes)
     for name, segment in curve.segments.items():
         x = getattr(segment, abscissa)

@@ -1,6 +1,9 @@
 """Fits of synthetic force curves whose truth is a closed form, and of bad inputs."""
 
+import json
 import warnings
+import zlib
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -229,4 +232,61 @@ def test_a_fit_is_written_as_text_drawn_and_labelled(tmp_path):
     assert low < 1e6 * fit.contact_point < high
     assert axes.get_ylim()[0] < fit.forces.min() < fit.forces.max() < axes.get_ylim()[1]
     assert {"retraction", "fit", "contact point"} <= {line.get_label() for line in axes.lines}
+    axes.get_figure().clear()
+
+
+def test_a_fit_and_a_curve_come_back_from_a_file_to_the_last_bit(tmp_path):
+    curve = replace(
+        recorded(hertz(), 2).in_units("µm", "nN"),
+        pauses=(js.lab.force_curves.Segment(np.ones(3), np.zeros(3), stated_speed=0.1),),
+        position=(1.5, -2.0),
+        pixel=(3, 4),
+        remarks=("made up",),
+    )
+    fit = js.lab.fit_curve(curve, TIP, 0.3, "retraction")
+    fit = replace(fit, tip=js.lab.Pyramid(60.0, faces=3))
+    again = js.load(js.save(tmp_path / "fit.nc", fit))
+    assert type(again) is js.lab.ForceCurveFit
+    assert again.to_dataset().identical(fit.to_dataset())
+    assert (again.tip, again.poisson_ratio) == (fit.tip, 0.3)
+    assert repr(again.errors) == repr(fit.errors)
+    assert again.result == fit.result
+    assert again.curve.correction == fit.curve.correction
+    assert repr(again) == repr(fit)
+    lone = js.load(js.save(tmp_path / "curve.nc", curve))
+    assert repr(lone) == repr(curve)
+    assert (lone.pixel, lone.position, lone.pauses[0].stated_speed) == ((3, 4), (1.5, -2.0), 0.1)
+    np.testing.assert_array_equal(lone.retraction.tip, curve.retraction.tip)
+    with pytest.raises(TypeError, match="written alone: give no result"):
+        js.save(tmp_path / "other.nc", fit, fit)
+
+
+def test_a_file_names_no_class_but_those_for_files(tmp_path):
+    import xarray
+
+    saved = js.save(tmp_path / "curve.nc", recorded(hertz(), 1))
+    for name in ("pathlib:Path", "jaxstab:RESULTS", "jaxstab.lab:fit_curve", "jaxstab.none:Fit"):
+        dataset = xarray.load_dataset(saved, engine="h5netcdf")
+        dataset.attrs["class"] = name
+        checksums = json.loads(dataset.attrs["checksums"])
+        checksums["class"] = zlib.crc32(name.encode())
+        dataset.attrs["checksums"] = json.dumps(checksums)
+        dataset.to_netcdf(tmp_path / "changed.nc", engine="h5netcdf")
+        with pytest.raises(ValueError, match="no class of jaxstab for files"):
+            js.load(tmp_path / "changed.nc")
+    dataset.attrs["curve"] = dataset.attrs["curve"].replace("nN", "pN")
+    dataset.to_netcdf(tmp_path / "changed.nc", engine="h5netcdf")
+    with pytest.raises(ValueError, match="was changed since it was written, or is damaged: curve"):
+        js.load(tmp_path / "changed.nc")
+
+
+def test_a_figure_of_a_curve_in_metres_is_in_readable_units():
+    curve = recorded(hertz(), 3).in_units("m", "N")
+    fit = js.lab.fit_curve(curve, TIP, 0.0)
+    axes = fit.plot()
+    assert axes.get_xlabel() == "tip position [nm]"
+    assert axes.get_ylabel() == "force [nN]"
+    (drawn,) = (line for line in axes.lines if line.get_label() == "fit")
+    np.testing.assert_allclose(drawn.get_ydata(), 1e9 * fit.forces)
+    np.testing.assert_allclose(drawn.get_xdata(), 1e9 * fit.tip_positions)
     axes.get_figure().clear()

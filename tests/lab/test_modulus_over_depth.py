@@ -1,5 +1,7 @@
 """Apparent moduli over the depth, of a homogeneous sample and of a layer bonded to a rigid base."""
 
+import csv
+
 import numpy as np
 import pytest
 from matplotlib import pyplot as plt
@@ -23,7 +25,7 @@ def apparent(indentation, force):
     return fitted(found.x)[0]
 
 
-def test_a_homogeneous_sample_has_one_modulus():
+def test_a_homogeneous_sample_has_one_modulus(tmp_path):
     found = js.lab.modulus_over_depth(recorded(hertz(), 3), TIP, 0.0, count=5)
     assert np.all(np.diff(found.depths) > 0)
     np.testing.assert_allclose(found.depths[[0, -1]], [0.8e-9, 8e-9], rtol=0.15)
@@ -31,6 +33,13 @@ def test_a_homogeneous_sample_has_one_modulus():
     assert np.all(away < 3), away
     assert found.errors[-1] < 0.01 * MODULUS * 1e9
     assert repr(found).count("successful") == 5
+    lines = found.to_csv(tmp_path / "moduli.csv").read_text(encoding="utf-8").splitlines()
+    titles, *rows = csv.reader(line for line in lines if not line.startswith("#"))
+    assert titles[:3] == ["depth [m]", "youngs modulus [Pa]", "standard error [Pa]"]
+    columns = zip(found.depths, found.youngs_moduli, found.errors, strict=True)
+    numbers = [[float(cell) for cell in row[:3]] for row in rows]
+    np.testing.assert_allclose(numbers, [*columns], rtol=1e-8)
+    assert [row[3] for row in rows] == found.statuses
 
 
 def test_a_bonded_layer_stiffens_with_depth():

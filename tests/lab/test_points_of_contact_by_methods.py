@@ -83,3 +83,22 @@ def test_other_curves_and_fits_are_refused():
     retraction = recorded(hertz(), 1, parts=("retraction",))
     with pytest.raises(ValueError, match="The curve has no approach"):
         js.lab.contact_points(retraction)
+
+
+def test_one_point_or_none_has_no_scatter_and_a_figure(tmp_path):
+    curve = measured(hertz()).in_units("m", "N")
+    deepest = float(np.min(curve.approach.tip_position))
+    for points in ({"one": np.nan}, {"one": 3e-9, "two": np.nan}, {"one": deepest}):
+        found = js.lab.ContactPoints(points, curve)
+        assert np.isnan(found.scatter)
+        axes = found.plot()
+        low, high = axes.get_xlim()
+        assert high - low > 0.1
+        assert axes.get_xlabel() == "tip position [nm]"
+        drawn = sum(np.isfinite(point) for point in points.values())
+        assert len(axes.lines) == 1 + drawn
+        assert (axes.get_title() == "no contact point found") == (drawn == 0)
+        assert repr(found).count("none") == 1 + len(points) - drawn
+        plt.close(axes.figure)
+    text = found.to_csv(tmp_path / "points.csv").read_text(encoding="utf-8").splitlines()
+    assert text[-2:] == ["method,contact point [m]", f"one,{deepest:.9g}"]

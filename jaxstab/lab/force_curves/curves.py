@@ -142,6 +142,8 @@ class ForceCurves(Sequence[ForceCurve]):
             data_vars="all",
             combine_attrs="drop_conflicts",
         )
+        # Curves that are alike would leave the description of one.
+        joined.attrs.pop("curve", None)
         pixels = [curve.pixel for curve in self.curves]
         if all(pixel is not None for pixel in pixels):
             for axis, name in enumerate(("column", "row")):

@@ -1,13 +1,14 @@
 """A measured force curve: approach and retraction, with the cantilever that measured them."""
 
+import json
 import re
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, Literal
+from dataclasses import asdict, dataclass, fields, replace
+from typing import TYPE_CHECKING, Any, Literal, Self
 
 import numpy as np
 
-from jaxstab.lab.force_curves.correction import Correction, correct
+from jaxstab.lab.force_curves.correction import Baseline, Correction, correct
 from jaxstab.lab.force_curves.segment import (
     FORCES,
     LENGTHS,
@@ -16,7 +17,7 @@ from jaxstab.lab.force_curves.segment import (
     scaled,
     tip_from_height,
 )
-from jaxstab.units import unit_of
+from jaxstab.units import prefixed, unit_of
 
 # Xarray is imported where it is used, since its import is slow.
 if TYPE_CHECKING:
@@ -171,6 +172,24 @@ class ForceCurve:
             correction=correction,
         )
 
+    @property
+    def readable(self) -> "ForceCurve":
+        """The curve in metres and newtons with the prefixes that suit its size, as in figures.
+
+        Other units than "m" and "N" are the user's choice, and stay.
+        """
+        sizes = [0.0, 0.0]
+        for segment in self.segments.values():
+            if segment.num_missing < len(segment):
+                height, force = np.ptp(_known(segment.height)), np.abs(_known(segment.force)).max()
+                sizes = [max(sizes[0], float(height)), max(sizes[1], float(force))]
+        units = self.unit, self.force_unit
+        unit, force_unit = (
+            prefixed(size, one)[1] if one in ("m", "N") else one
+            for size, one in zip(sizes, units, strict=True)
+        )
+        return self.in_units(unit if unit in LENGTHS else self.unit, force_unit)
+
     def __neg__(self) -> "ForceCurve":
         """Reverse the sign of the forces, of which a correction no longer holds."""
         constant = self.spring_constant
@@ -184,6 +203,8 @@ class ForceCurve:
 
     def to_dataset(self) -> "xarray.Dataset":
         """Return a data set of xarray, with a dimension for each segment, and units.
+
+        It holds all of the curve: `from_dataset` is the inverse.
 
         Raises:
             ImportError: without xarray.
@@ -228,7 +249,54 @@ class ForceCurve:
             attributes["instrument"] = self.instrument
         if self.remarks:
             attributes["remarks"] = "; ".join(self.remarks)
+        attributes["curve"] = json.dumps(self._without_arrays())
         return xarray.Dataset(variables, attrs=attributes)
+
+    @classmethod
+    def from_dataset(cls, dataset: "xarray.Dataset") -> Self:
+        """Return the curve of a data set that `to_dataset` made.
+
+        Raises:
+            ValueError: for another data set.
+        """
+        if "curve" not in dataset.attrs:
+            raise ValueError("The data set is none of a force curve, made by its `to_dataset`.")
+        parts = json.loads(dataset.attrs["curve"])
+        speeds = parts.pop("stated_speeds")
+        segments = {}
+        for name, speed in speeds.items():
+            prefix = name.replace(" ", "_")
+            columns = {"force": "force", "height": "height", "tip": "tip_position", "time": "time"}
+            values = {
+                column: np.asarray(dataset[f"{prefix}_{title}"])
+                for column, title in columns.items()
+                if f"{prefix}_{title}" in dataset
+            }
+            segments[name] = Segment(**values, stated_speed=speed)
+        correction = parts.pop("correction")
+        if correction is not None:
+            for name in ("approach", "retraction"):
+                if correction[name] is not None:
+                    correction[name] = Baseline(**correction[name])
+            correction = Correction(**correction)
+        for name in ("position", "pixel", "remarks"):
+            if parts[name] is not None:
+                parts[name] = tuple(parts[name])
+        return cls(
+            approach=segments.pop("approach", None),
+            retraction=segments.pop("retraction", None),
+            pauses=tuple(segments.values()),
+            correction=correction,
+            **parts,
+        )
+
+    def _without_arrays(self) -> dict[str, Any]:
+        """Return all fields but the segments, and of these the speeds that the file states."""
+        kept = {field.name for field in fields(self)} - {"approach", "retraction", "pauses"}
+        parts = {name: getattr(self, name) for name in sorted(kept)}
+        parts["correction"] = None if self.correction is None else asdict(self.correction)
+        speeds = {name: segment.stated_speed for name, segment in self.segments.items()}
+        return {**parts, "stated_speeds": speeds}
 
     def __repr__(self) -> str:
         return "\n".join([type(self).__name__, *(f"  {k:<15}  {v}" for k, v in self._rows())])
@@ -280,6 +348,10 @@ class ForceCurve:
         """Return the curve with each segment changed."""
         ends = {name: change(segment) for name, segment in self._ends()}
         return replace(self, **ends, pauses=tuple(map(change, self.pauses)))
+
+
+def _known(values: np.ndarray) -> np.ndarray:
+    return values[np.isfinite(values)]
 
 
 def require_baseline(baseline: object) -> None:
