@@ -1,10 +1,20 @@
 """Closed-form solutions for comparison with numerical ones, in NumPy."""
 
-from jaxstab.references import guduru, hertz, jkr, johnson, maugis, persson_brener, westergaard
+from jaxstab.references import (
+    elastic_plastic,
+    guduru,
+    hertz,
+    jkr,
+    johnson,
+    maugis,
+    persson_brener,
+    westergaard,
+)
 from jaxstab.references.adhesion_regime import AdhesionRegime, regime
 
 __all__ = [
     "AdhesionRegime",
+    "elastic_plastic",
     "guduru",
     "hertz",
     "jkr",

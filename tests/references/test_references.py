@@ -5,7 +5,7 @@ import pytest
 from closed_forms import PARABOLOID, SPHERE, WAVES, Profile, derivative, strength, wave
 from numpy.testing import assert_allclose
 
-from jaxstab.references import guduru, hertz, jkr, johnson, maugis, westergaard
+from jaxstab.references import elastic_plastic, guduru, hertz, jkr, johnson, maugis, westergaard
 
 WAVY = Profile(
     lambda r: r / SPHERE[0] + 2 * np.pi * WAVES[0] / WAVES[1] * np.sin(2 * np.pi * r / WAVES[1]),
@@ -43,6 +43,7 @@ def test_a_soft_spring_is_dead_load_and_a_stiff_one_holds_the_displacement(pull_
 SPHERICAL = (0.5, *SPHERE)
 DUGDALE = (*SPHERE, 0.9)
 JOHNSON = wave(0.4)
+PLASTIC = (0.5, 2.0, 3.0, 0.4)
 CASES = {
     "jkr.units": (jkr.units, SPHERE, "LPW", "FLL"),
     "jkr.curve": (jkr.curve, SPHERICAL, "LLPW", "FLL"),
@@ -62,6 +63,22 @@ CASES = {
     "guduru.curve": (guduru.curve, (*SPHERICAL, *WAVES), "LLPWLL", "FLL"),
     "guduru.envelope": (guduru.envelope, (*SPHERICAL, *WAVES), "LLPWLL", "FLL"),
     "guduru.envelope_work": (guduru.envelope_work, (*SPHERE[1:], *WAVES), "PWLL", "W"),
+    "elastic_plastic.first_yield": (elastic_plastic.first_yield, (2.0, 3.0, 0.4), "LPP", "FLL"),
+    "elastic_plastic.fully_plastic": (elastic_plastic.fully_plastic, PLASTIC, "LLPP", "FLL"),
+    "elastic_plastic.unloading": (elastic_plastic.unloading, (*PLASTIC, 0.2), "LLPPW", "FLL"),
+    "elastic_plastic.pull_off": (elastic_plastic.pull_off, (*PLASTIC[1:], 0.2), "LPPW", "FLL"),
+    "elastic_plastic.area_fractions": (
+        elastic_plastic.area_fractions,
+        (0.1, 0.2, 3.0, 0.4),
+        "P1PP",
+        "11",
+    ),
+    "elastic_plastic.conductance": (
+        elastic_plastic.conductance,
+        (0.1, 0.4, 0.02, 0.1, 1.0),
+        "PPL11",
+        "C",
+    ),
     "guduru.envelope_pull_off": (guduru.envelope_pull_off, (*SPHERE, *WAVES), "LPWLL", "FLL"),
 }
 
@@ -72,7 +89,7 @@ def test_units_do_not_matter_and_arrays_are_taken_entry_by_entry(
 ):
     length, pressure = 3.0, 7.0
     factor = {"1": 1, "L": length, "P": pressure, "W": length * pressure, "K": length * pressure}
-    factor |= {"F": length**2 * pressure, "E": length**3 * pressure}
+    factor |= {"C": 1 / length, "F": length**2 * pressure, "E": length**3 * pressure}
     arrays = [np.array([x, x * factor[kind]]) for x, kind in zip(arguments, kinds, strict=True)]
     both = np.reshape(function(*arrays), (len(results), 2))
     assert_allclose(both[:, 0], np.ravel(function(*arguments)), rtol=1e-13)
@@ -112,6 +129,18 @@ def test_every_field_has_the_shape_of_all_arguments_together(function, arguments
             "The force is -1.0: give zero or a positive",
         ),
         (lambda: hertz.peak_pressure(0.0, 1.0, 1.0), "The force is 0.0: give a positive"),
+        (
+            lambda: elastic_plastic.unloading(2.0, 1.0, 1.0, 1.0),
+            "The contact radius is 2.0: give at most the largest radius",
+        ),
+        (
+            lambda: elastic_plastic.area_fractions(2.0, 0.1, 1.0, 1.0),
+            "The pressure is 2.0: give at most the hardness",
+        ),
+        (
+            lambda: elastic_plastic.first_yield(1.0, 1.0, 0.0),
+            "The hardness is 0.0: give a positive",
+        ),
         (
             lambda: westergaard.contact_fraction(4.0, 1.0, 1.0, 1.0),
             "The mean pressure is 4.0: give one from 0 to 3.14159",
