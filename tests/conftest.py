@@ -6,6 +6,7 @@ import shutil
 import signal
 from importlib.metadata import version
 from pathlib import Path
+from zlib import crc32
 
 # Read where NumPy is imported: workers and subprocesses inherit it, and each has a core.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
@@ -45,6 +46,26 @@ matplotlib.use("Agg")
 # The same examples each time, and no limit on the time of one, which may be compiled for.
 settings.register_profile("few", max_examples=20, derandomize=True, deadline=None, database=None)
 settings.load_profile("few")
+
+
+def pytest_addoption(parser):
+    help = "of the tests marked nightly only this eighth, 0 to 7; with -m '' beside the daily ones"
+    parser.addoption("--nightly-eighth", type=int, choices=range(8), help=help)
+
+
+def pytest_collection_modifyitems(config, items):
+    """Leave out the nightly tests of the other eighths, which their names tell apart."""
+    eighth = config.getoption("--nightly-eighth")
+    if eighth is None:
+        return
+    others = [
+        item
+        for item in items
+        if item.get_closest_marker("nightly") and crc32(item.nodeid.encode()) % 8 != eighth
+    ]
+    config.hook.pytest_deselected(items=others)
+    left_out = set(others)
+    items[:] = [item for item in items if item not in left_out]
 
 
 @pytest.fixture(scope="module", autouse=True)

@@ -92,3 +92,16 @@ def test_actions_are_pinned_to_commits():
             is_pinned = re.fullmatch(r"[\w/-]+@[0-9a-f]{40} # v[\d.]+", line)
             # Of this one a recent version is needed, and no commit of one was at hand.
             assert is_pinned or line == "pypa/gh-action-pypi-publish@release/v1"
+
+
+def test_the_paper_has_the_length_and_the_sections_that_the_journal_asks_for():
+    text = (ROOT / "paper" / "paper.md").read_text().split("---", 2)[2]
+    assert 750 <= len(text.split()) <= 1750
+    sections = re.findall(r"^# (.+)", text, re.MULTILINE)
+    assert sections[:4] == [
+        "Summary",
+        "Statement of need",
+        "State of the field",
+        "Software design",
+    ]
+    assert {"Research impact statement", "AI usage disclosure", "References"} <= set(sections)

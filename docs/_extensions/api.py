@@ -207,7 +207,8 @@ def _class_text(item: Any) -> str:
     if not hasattr(item, "texts"):
         return text
     lines = [f"    {line}" for line in item.texts]
-    return "\n".join([text.split("\n\n")[0], "", "Members:", *lines])
+    blocks = text.split("\n\n")[: -len(lines)]
+    return "\n".join(["\n\n".join(blocks), "", "Members:", *lines])
 
 
 def to_markdown(text: str, context: str) -> str:
@@ -229,6 +230,8 @@ def _block(block: str, context: str) -> str:
         return "\n".join(["```text", inspect.cleandoc(block), "```"])
     if title in _SECTIONS and len(lines) > 1:
         return "\n".join(_fields(_SECTIONS[title], lines[1:], context))
+    if title == "Example" and len(lines) > 1:
+        return "\n".join(["```pycon", inspect.cleandoc("\n".join(["", *lines[1:]])), "```"])
     if title == "Returns" and len(lines) > 1:
         return f":returns: {_inline(' '.join(map(str.strip, lines[1:])), context)}"
     return _inline(" ".join(lines), context)

@@ -116,6 +116,11 @@ def continuation(
             are not positive, and a shortest one that exceeds the longest.
         SolverError: if `throw`, where there is no equilibrium at the first load, or the branch ends
             as "uncertain" or "lost".
+
+    Example:
+        >>> branch = js.continuation(contact, js.MeanGap([0.05, 0.3]), initial=state)
+        >>> [f"{turn.load.value:.4f} {turn.kind}" for turn in branch.turns]
+        ['0.0627 release', '0.0621 fold']
     """
     require_contact(contact)
     cure = "give the load where the branch begins and the load where it ends."

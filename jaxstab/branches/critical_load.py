@@ -93,6 +93,11 @@ def critical_load(
             that is invalid in `equilibrate`.
         SolverError: if `throw`, where the first load has no stable equilibrium, or its branch does
             not end in the bracket.
+
+    Example:
+        >>> end = js.critical_load(contact, js.MeanGap([0.05, 0.3]), initial=state)
+        >>> f"{end.load.value:.4f} {end.kind}"
+        '0.0627 release'
     """
     require_contact(contact)
     cure = "give one on the stable branch and one beyond its end."

@@ -93,6 +93,13 @@ def first_jump(
         TypeError: for a function that returns no contact, and inside of a JAX transformation.
         SolverError: if a branch at an end of the bracket could not be followed; if `throw`, also
             inside of it.
+
+    Example:
+        >>> def contact_of(work):
+        ...     return js.Contact(solid, heights, js.potentials.Exponential(work, 0.06))
+        >>> onset = js.first_jump(contact_of, (0.01, 0.03), js.MeanGap([0.3, 0.05]))
+        >>> f"{onset.parameter:.4f}"
+        '0.0253'
     """
     require_known((bracket, load), "first_jump")
     ends = np.asarray(parameter(list(bracket), "The bracket"), float)

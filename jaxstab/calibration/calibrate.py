@@ -144,6 +144,14 @@ def calibrate(
     Warns:
         FitWarning: for an outlier or a drift, and for an offset or a baseline that is not fitted
             although the measurements have one; for an interrupt.
+
+    Example:
+        >>> loads = js.MeanGap(jnp.linspace(0.08, 0.2, 6))
+        >>> measured = js.sweep(contact, loads, stability=False).equilibrium.mean_pressure
+        >>> guess = js.Contact(solid, heights, js.potentials.Exponential(0.02, 0.06))
+        >>> fit = js.calibrate(guess, loads, measured, where=lambda c: c.potential.surface_energy)
+        >>> f"{fit.contact.potential.surface_energy:.4f}"
+        '0.0300'
     """
     require_contact(contact)
     require_load(load)

@@ -99,6 +99,10 @@ def cite(*objects: object) -> Citations:
 
     Raises:
         ValueError: for something that is not of jaxstab.
+
+    Example:
+        >>> "Stability analysis of rough surfaces" in js.cite(js.equilibrate).bibtex
+        True
     """
     reasons: dict[str, list[str]] = {_SOFTWARE: []}
     if not objects:

@@ -93,6 +93,11 @@ class Contact(eqx.Module):
             finite at some gap; at zero gap it may rise without bound.
         TypeError: for a solid that is not one, and for a potential that JAX cannot trace. For
             heights that are complex, or floats other than float32 and float64.
+
+    Example:
+        >>> contact = js.Contact(solid, heights, lambda gap: -0.03 * jnp.exp(-gap / 0.06))
+        >>> f"{contact.resolution:.2f}"
+        '4.27'
     """
 
     solid: Solid

@@ -130,6 +130,13 @@ def extrapolate(
         SolverError: where the values rise and fall with the range, or follow no power from -2 to 6;
             for the range zero where the power is below 0.3; and for an error above a quarter of the
             value at the shortest range: then they tell of no limit.
+
+    Example:
+        >>> def pressure_of(contact):
+        ...     return js.equilibrate(contact, js.MeanGap(0.05)).mean_pressure
+        >>> shorter = js.extrapolate(pressure_of, contact, to=0.05)
+        >>> f"{shorter.value:.3f} ± {shorter.error:.3f}"
+        '-0.203 ± 0.030'
     """
     require_known((contact, ranges, to), "extrapolate")
     shortest = float(resolved_range(contact, _RESOLUTION))

@@ -92,6 +92,10 @@ def resolved_range(contact: Contact, resolution: ArrayLike = FOR_JUMPS) -> Scala
     Raises:
         TypeError: for a law without one number that is its range; the message has the factor.
         ValueError: if the resolution is not positive.
+
+    Example:
+        >>> f"{js.resolved_range(contact):.4f}"
+        '0.0581'
     """
     require_contact(contact)
     needed = positive_scalar(resolution, "The resolution")

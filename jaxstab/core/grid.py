@@ -136,6 +136,10 @@ class Grid(Mesh):
             another spec of the sharding, a line on several devices, and a first side that they do
             not divide.
         TypeError: for a number of points that is not an integer, or another kind of sharding.
+
+    Example:
+        >>> f"{js.Grid((64, 32), lengths=(2.0, 1.0)).cell_area:.6f}"
+        '0.000977'
     """
 
     sides: ClassVar[tuple[str, ...]] = ("x", "y")

@@ -13,7 +13,14 @@ Tree = TypeVar("Tree")
 
 
 class RESULTS(Enumeration):
-    """How a solve ended: a name, and a sentence on the cause and the cure."""
+    """How a solve ended: a name, and a sentence on the cause and the cure.
+
+    Example:
+        >>> bool(state.result == js.RESULTS.successful), bool(state.result == "successful")
+        (True, True)
+        >>> js.RESULTS["successful"]
+        'successful: the tolerance was reached'
+    """
 
     successful = member("the tolerance was reached")
     max_steps_reached = member(

@@ -59,6 +59,10 @@ class Rings(Mesh):
     Raises:
         ValueError: for fewer than 2 rings, or a radius that is not positive.
         TypeError: for a number of rings that is not an integer.
+
+    Example:
+        >>> f"{js.Rings(100, radius=0.5).area:.4f}"
+        '0.7854'
     """
 
     sides: ClassVar[tuple[str, ...]] = ("r",)

@@ -14,7 +14,12 @@ _MARKS = {
 
 
 def text_of(content: bytes) -> str | None:
-    """Return the text of a file in UTF-8, UTF-16, UTF-32 or Latin-1, None for binary content."""
+    """Return the text of a file in UTF-8, UTF-16, UTF-32 or Latin-1, None for binary content.
+
+    Example:
+        >>> js.surfaces.text_of("Höhe 1.5 µm".encode("utf-16"))
+        'Höhe 1.5 µm'
+    """
     # The mark of UTF-32 begins with the one of UTF-16, and comes first.
     encoding = next((name for mark, name in _MARKS.items() if content.startswith(mark)), None)
     if encoding is None:

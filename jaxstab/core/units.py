@@ -158,6 +158,10 @@ class Dimension(str):
 
     Raises:
         ValueError: for other words or powers.
+
+    Example:
+        >>> js.Dimension("pressure length^2")
+        'pressure length^2'
     """
 
     def __new__(cls, name: str) -> Self:
@@ -279,6 +283,10 @@ def unit_of(name: object) -> str:
 
     Raises:
         ValueError: for any other text.
+
+    Example:
+        >>> js.units.unit_of("micron")
+        'µm'
     """
     unit = _SPELLINGS.get(str(name), str(name))
     unit = _NAMES.get(unit.strip().lower(), unit)

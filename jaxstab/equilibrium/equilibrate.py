@@ -76,6 +76,11 @@ def equilibrate(
             somewhere, or of another shape than the grid.
         TypeError: for something that is not a load, or not a solver for equilibria.
         SolverError: if `throw`, for a load that no gap satisfies or a solve that did not converge.
+
+    Example:
+        >>> state = js.equilibrate(contact, js.MeanGap(0.05))
+        >>> f"{state.mean_pressure:.4f}, {state.contact_area:.3f}"
+        '-0.1768, 0.324'
     """
     require_contact(contact)
     cure = "use jaxstab.sweep, or jax.vmap."

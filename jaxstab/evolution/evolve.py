@@ -120,6 +120,13 @@ def evolve(
         ValueError: for times that do not increase, a load with another number of values, and an
             initial evolution of another contact.
         SolverError: if `throw`, where an equilibrium is not found, or there is no room left.
+
+    Example:
+        >>> rubber = js.Viscoelastic(solid, ratios=(1.0,), times=(0.1,))
+        >>> contact = js.Contact(rubber, heights, law)
+        >>> evolution = js.evolve(contact, js.MeanGap([0.3, 0.05]), [0.0, 1.0])
+        >>> f"{evolution.mean_pressure[-1]:.4f}, {evolution.dissipated[-1]:.1e}"
+        '-0.1289, 1.1e-03'
     """
     require_viscoelastic(contact)
     require_load(load)

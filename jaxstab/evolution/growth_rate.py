@@ -42,6 +42,12 @@ def growth_rate(evolution: Evolution) -> Scalar:
     Raises:
         TypeError: for something that is no evolution.
         ValueError: if the gap of the state was not kept.
+
+    Example:
+        >>> contact = js.Contact(js.Viscoelastic(solid, (1.0,), (0.1,)), heights, law)
+        >>> evolution = js.evolve(contact, js.MeanGap([0.3, 0.05]), [0.0, 1.0])
+        >>> f"{js.growth_rate(evolution):.2f}"
+        '0.88'
     """
     require_kind(evolution, Evolution, "no evolution: give a state of a result of jaxstab.evolve.")
     contact, equilibrium = evolution.instant

@@ -49,6 +49,11 @@ def lifetime(
         ValueError: for an array of loads, and an initial state without contact.
         SolverError: where an equilibrium is not found for another reason than detachment, and for a
             contact that has not come to rest.
+
+    Example:
+        >>> contact = js.Contact(js.Viscoelastic(solid, (1.0,), (0.1,)), heights, law)
+        >>> f"{js.lifetime(contact, js.MeanPressure(-0.2)):.2f}"
+        '0.50'
     """
     require_viscoelastic(contact)
     if rtol is None:

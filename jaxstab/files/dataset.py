@@ -131,6 +131,10 @@ def to_dataset(contact: Contact, result: Result, *, fields: bool = True) -> xarr
         ImportError: without xarray.
         TypeError: for something that is not a result, or is traced.
         ValueError: for a result on another grid, or several paths or branches at once.
+
+    Example:
+        >>> f"{js.to_dataset(contact, state).mean_pressure.item():.4f}"
+        '-0.1768'
     """
     require_packages("Labelled data sets", "data", "xarray")
     import xarray

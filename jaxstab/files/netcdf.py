@@ -85,6 +85,11 @@ def save(
         FileExistsError: if the file exists.
         OSError: if the disk is full or cannot be written to.
         ImportError: without xarray, h5netcdf and h5py.
+
+    Example:
+        >>> path = js.save("state.nc", contact, state)
+        >>> print(path)
+        state.nc
     """
     example = 'jaxstab.save("run.nc", contact, result)'
     require_kind(path, str | os.PathLike, f"no path: give the file first, as in {example}.")
@@ -147,6 +152,12 @@ def load(path: str | Path, *, potential: Potential | None = None) -> Any:
             a class that is not imported, or of another version.
         FileNotFoundError: if there is no such file.
         ImportError: without xarray, h5netcdf and h5py.
+
+    Example:
+        >>> path = js.save("state.nc", contact, state)
+        >>> contact, state = js.load(path)
+        >>> f"{state.mean_pressure:.4f}"
+        '-0.1768'
     """
     path = Path(path)
     with _open(path) as file:

@@ -106,6 +106,11 @@ def follow(
         ValueError: for a load without two finite values or more in one dimension, or with a value
             that repeats the one before. For machines that differ, and for too little room.
         SolverError: if `throw`, where an equilibrium is not found, or there is no room left.
+
+    Example:
+        >>> path = js.follow(contact, js.MeanGap([0.3, 0.03, 0.3]), fields=True)
+        >>> [f"{jump.load.value:.4f} {jump.kind}" for jump in path.jumps]
+        ['0.0621 fold', '0.0627 release']
     """
     require_contact(contact)
     require_load(load)

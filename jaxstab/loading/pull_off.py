@@ -74,6 +74,11 @@ def pull_off(
             `equilibrate`.
         SolverError: if `throw`, where there is no state to unload from, or it comes apart without
             a jump.
+
+    Example:
+        >>> pull = js.pull_off(contact)
+        >>> f"{pull.load.value:.4f} {pull.kind}"
+        '-0.1770 release'
     """
     require_contact(contact)
     machine = None

@@ -71,6 +71,11 @@ def sealing_pressure(
             a tolerance that is not positive.
         TypeError: inside of a JAX transformation.
         SolverError: if an equilibrium is not found, or no pressure closes the path.
+
+    Example:
+        >>> bare = js.Contact(solid, heights, js.potentials.NoAdhesion())
+        >>> f"{js.sealing_pressure(bare).pressure:.3f}"
+        '0.162'
     """
     require_contact(contact)
     require_known((contact, initial), "sealing_pressure")

@@ -112,6 +112,13 @@ def sweep(
         TypeError: for something that is not a load, or not a solver of its kind.
         SolverError: if `throw` and a load failed.
         KeyboardInterrupt: if interrupted before the first load was done.
+
+    Example:
+        >>> sweep = js.sweep(contact, js.MeanGap([0.05, 0.1]))
+        >>> [f"{p:.4f}" for p in sweep.equilibrium.mean_pressure]
+        ['-0.1768', '-0.1244']
+        >>> print(sweep[1].stability.verdict)
+        held_by_contact
     """
     require_contact(contact)
     require_load(load)

@@ -69,7 +69,12 @@ class GapControl(Control):
 
 
 class MeanDisplacement(Load):
-    """A prescribed mean(u) [length]: one value, or an array for a sweep."""
+    """A prescribed mean(u) [length]: one value, or an array for a sweep.
+
+    Example:
+        >>> f"{js.equilibrate(contact, js.MeanDisplacement(0.0)).mean_pressure:.4f}"
+        '0.4388'
+    """
 
     quantity: ClassVar[str] = "mean displacement $u_0$"
     is_position: ClassVar[bool] = True
@@ -83,7 +88,12 @@ class MeanDisplacement(Load):
 
 
 class MeanGap(Load):
-    """A prescribed mean(g) [length] (Rey & Bleyer, eq. 4): one value, or an array for a sweep."""
+    """A prescribed mean(g) [length] (Rey & Bleyer, eq. 4): one value, or an array for a sweep.
+
+    Example:
+        >>> f"{js.equilibrate(contact, js.MeanGap(0.1)).mean_pressure:.4f}"
+        '-0.1244'
+    """
 
     quantity: ClassVar[str] = "mean gap $g_0$"
 

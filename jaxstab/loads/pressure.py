@@ -115,7 +115,12 @@ class PressureControl(PressingControl):
 
 
 class MeanPressure(Load):
-    """A prescribed p0 [pressure], positive in compression: one value, or an array for a sweep."""
+    """A prescribed p0 [pressure], positive in compression: one value, or an array for a sweep.
+
+    Example:
+        >>> f"{js.equilibrate(contact, js.MeanPressure(0.1)).contact_area:.3f}"
+        '0.867'
+    """
 
     quantity: ClassVar[str] = "mean pressure $p_0$"
 

@@ -140,6 +140,11 @@ class Spring(Load):
 
     Warns:
         MachineWarning: for a contact whose softest wave is 1e8 times as stiff.
+
+    Example:
+        >>> machine = js.Spring(position=0.2, stiffness=2.0)
+        >>> f"{js.equilibrate(contact, machine).mean_pressure:.4f}"
+        '-0.0354'
     """
 
     quantity: ClassVar[str] = "position of the spring"
@@ -204,6 +209,12 @@ class FarDisplacement(Load):
 
     A half space is infinitely deep, and an incompressible layer keeps its volume: the load of both
     is `MeanDisplacement`.
+
+    Example:
+        >>> layer = js.Layer(grid, youngs_modulus=1.0, poisson_ratio=0.3, thickness=0.1)
+        >>> pressed = js.equilibrate(js.Contact(layer, heights, law), js.FarDisplacement(-0.02))
+        >>> f"{pressed.mean_pressure:.4f}"
+        '0.3454'
     """
 
     quantity: ClassVar[str] = "displacement of the far side"

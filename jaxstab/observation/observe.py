@@ -88,6 +88,11 @@ def observe(
             result's own fields, a column of another shape than it declares, no state that was
             found, a single state, states of another grid, and as the observables.
         SolverError: as the observables.
+
+    Example:
+        >>> sweep = js.sweep(contact, js.MeanGap([0.03, 0.05]))
+        >>> [f"{a:.3f}" for a in js.observe(contact, sweep, js.patches).patches.area]
+        ['0.516', '0.324']
     """
     require_contact(contact)
     if not isinstance(states, Path | Branch | Evolution | Sweep | Equilibrium):

@@ -24,6 +24,11 @@ def as_module(potential: Potential, dtype: DTypeLike) -> Potential:
         ValueError: if it does not map a scalar gap to a real scalar, or hides that it varies over
             the surface.
         TypeError: if it cannot be traced by JAX, or is a class of laws instead of a law.
+
+    Example:
+        >>> law32 = js.potentials.as_module(lambda gap: -0.03 * jnp.exp(-gap / 0.06), jnp.float32)
+        >>> law32(jnp.float32(0.0)).dtype
+        dtype('float32')
     """
     if not callable(potential):
         raise ValueError(f"The potential is {potential!r}: give a function of the gap.")
@@ -53,7 +58,12 @@ def as_module(potential: Potential, dtype: DTypeLike) -> Potential:
 
 
 def derivatives(potential: Potential, gap: Field) -> tuple[Field, Field, Field]:
-    """Return f(g) [energy/area], f'(g) [pressure] and f''(g) [pressure/length] at every point."""
+    """Return f(g) [energy/area], f'(g) [pressure] and f''(g) [pressure/length] at every point.
+
+    Example:
+        >>> [f"{x:.3f}" for x in js.potentials.derivatives(law, np.array(0.0))]
+        ['-0.030', '0.500', '-8.333']
+    """
     if all(map(eqx.is_array, jax.tree.leaves(potential))):
         # Programs evaluate the law in many places, and trace it once.
         return _traced_once(potential, gap)
@@ -96,15 +106,30 @@ _traced_once = jax.jit(_derivatives, inline=True)
 
 
 def energy_density(potential: Potential, gap: Field) -> Field:
-    """Return f(g) at every point [energy/area]."""
+    """Return f(g) at every point [energy/area].
+
+    Example:
+        >>> f"{js.potentials.energy_density(law, state.gap).min():.3f}"
+        '-0.030'
+    """
     return derivatives(potential, gap)[0]
 
 
 def slope(potential: Potential, gap: Field) -> Field:
-    """Return f'(g), the attraction, at every point [pressure]."""
+    """Return f'(g), the attraction, at every point [pressure].
+
+    Example:
+        >>> f"{js.potentials.slope(law, np.array(0.0)):.3f}"
+        '0.500'
+    """
     return derivatives(potential, gap)[1]
 
 
 def curvature(potential: Potential, gap: Field) -> Field:
-    """Return f''(g) at every point [pressure/length]."""
+    """Return f''(g) at every point [pressure/length].
+
+    Example:
+        >>> f"{js.potentials.curvature(law, np.array(0.0)):.3f}"
+        '-8.333'
+    """
     return derivatives(potential, gap)[2]

@@ -52,6 +52,10 @@ class Exponential(_RangedLaw):
 
     Raises:
         ValueError: if w is negative or rho is not positive.
+
+    Example:
+        >>> f"{js.potentials.Exponential(surface_energy=0.03, length=0.06)(0.06):.5f}"
+        '-0.01104'
     """
 
     def __call__(self, gap: Scalar) -> Scalar:
@@ -68,6 +72,10 @@ class Gaussian(_RangedLaw):
 
     Raises:
         ValueError: if w is negative or rho is not positive.
+
+    Example:
+        >>> f"{js.potentials.Gaussian(surface_energy=0.03, length=0.06)(0.06):.5f}"
+        '-0.01820'
     """
 
     def __call__(self, gap: Scalar) -> Scalar:
@@ -84,6 +92,10 @@ class Rational(_RangedLaw):
 
     Raises:
         ValueError: if w is negative or rho is not positive.
+
+    Example:
+        >>> f"{js.potentials.Rational(surface_energy=0.03, length=0.06)(0.06):.3f}"
+        '-0.015'
     """
 
     def __call__(self, gap: Scalar) -> Scalar:
@@ -104,6 +116,11 @@ class Dugdale(_RangedLaw):
 
     Raises:
         ValueError: if w is negative, or rho or the smoothing is not positive.
+
+    Example:
+        >>> strip = js.potentials.Dugdale(surface_energy=0.03, length=0.06)
+        >>> [f"{x:.3f}" for x in js.potentials.slope(strip, np.array([0.02, 0.2]))]
+        ['0.499', '0.000']
     """
 
     smoothing: Annotated[Scalar, NUMBER]
@@ -134,6 +151,11 @@ class LennardJones(_RangedLaw):
 
     Raises:
         ValueError: if w or z0 is not positive.
+
+    Example:
+        >>> wall = js.potentials.LennardJones(surface_energy=0.03, length=0.06)
+        >>> f"{wall(0.06):.3f}"
+        '-0.030'
     """
 
     def __init__(self, surface_energy: ArrayLike, length: ArrayLike):
@@ -171,7 +193,12 @@ class LennardJones(_RangedLaw):
 
 
 class NoAdhesion(Law):
-    """f(g) = 0: contact without adhesion."""
+    """f(g) = 0: contact without adhesion.
+
+    Example:
+        >>> f"{js.potentials.NoAdhesion()(0.1):.1f}"
+        '0.0'
+    """
 
     def __call__(self, gap: Scalar) -> Scalar:
         """Return zero energy per area at any gap [length]."""
@@ -193,6 +220,11 @@ class Electrostatic(Law):
 
     Raises:
         ValueError: if V is not finite, eps not positive, or d negative.
+
+    Example:
+        >>> electrodes = js.potentials.Electrostatic(voltage=2.0, permittivity=1.0, dielectric=0.5)
+        >>> f"{electrodes(0.5):.1f}"
+        '-2.0'
     """
 
     voltage: Annotated[Scalar, Dimension("voltage")]
@@ -231,6 +263,11 @@ class Capillary(Law):
     Raises:
         ValueError: if gamma is negative, theta not from 0 to below pi / 2, or r or the smoothing is
             not positive.
+
+    Example:
+        >>> menisci = js.potentials.Capillary(tension=0.072, angle=0.0, radius=1.0)
+        >>> [f"{x:.3f}" for x in js.potentials.slope(menisci, np.array([0.5, 4.0]))]
+        ['0.072', '0.000']
     """
 
     tension: Annotated[Scalar, SURFACE_ENERGY]
@@ -327,6 +364,11 @@ class CutOff(Law):
 
     Raises:
         ValueError: if the law is no function, or r is not positive.
+
+    Example:
+        >>> short = js.potentials.CutOff(law, radius=0.3)
+        >>> [f"{x:.4f}" for x in js.potentials.energy_density(short, np.array([0.0, 0.3]))]
+        ['-0.0300', '-0.0000']
     """
 
     law: Callable[[Scalar], Scalar]

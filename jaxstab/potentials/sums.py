@@ -10,7 +10,15 @@ from jaxstab.core.types import Scalar
 
 
 class Law(eqx.Module):
-    """A law that can be added to another, or to a bare function of the gap."""
+    """A law that can be added to another, or to a bare function of the gap.
+
+    Example:
+        >>> class Linear(js.potentials.Law):
+        ...     def __call__(self, gap):
+        ...         return jnp.minimum(0.1 * gap - 0.02, 0)
+        >>> f"{(Linear() + law)(0.0):.2f}"
+        '-0.05'
+    """
 
     def __add__(self, other: object) -> "Sum":
         if not callable(other):
@@ -34,6 +42,11 @@ class Sum(Law):
 
     Raises:
         ValueError: for no law, or one that is no function.
+
+    Example:
+        >>> both = law + js.potentials.Electrostatic(0.1, permittivity=1.0, dielectric=0.5)
+        >>> type(both).__name__, f"{both(0.0):.2f}"
+        ('Sum', '-0.04')
     """
 
     laws: tuple[Callable[[Scalar], Scalar], ...]

@@ -32,6 +32,11 @@ class Varying(Law):
 
     Raises:
         TypeError: for a function, and for a law with parameters that are no arrays.
+
+    Example:
+        >>> patchy = js.potentials.Varying(js.potentials.Exponential(0.03 * (heights > 0), 0.06))
+        >>> f"{js.potentials.energy_density(patchy, jnp.zeros(grid.shape)).min():.2f}"
+        '-0.03'
     """
 
     law: Potential

@@ -29,6 +29,10 @@ class AdhesionRegime:
         maugis: Maugis' parameter lambda = 1.127 mu [1].
         pull_off: F / (pi w R) of Maugis' solution under dead load, from -2 to -3/2 [1].
         errors: for each of hertz, jkr, dmt and maugis, the relative error of the pull-off force.
+
+    Example:
+        >>> f"{js.references.regime(1.0, 1.0, 1e-3, 1e-2).tabor:.3f}"
+        '1.000'
     """
 
     tabor: Array
@@ -70,6 +74,13 @@ def regime(
 
     Raises:
         ValueError: for an argument that is not positive and finite.
+
+    Example:
+        >>> regime = js.references.regime(
+        ...     radius=1.0, contact_modulus=1.0, work_of_adhesion=1e-3, range=1e-2
+        ... )
+        >>> f"{regime.tabor:.3f}, {regime.maugis:.3f}"
+        '1.000, 1.127'
     """
     radius, contact_modulus, work, z0 = positive(
         radius=radius,

@@ -40,6 +40,11 @@ def curve(
         work_of_adhesion: w [energy/area].
         amplitude: A [length].
         length: the wavelength L [length].
+
+    Example:
+        >>> found = js.references.guduru.curve(0.3, 1.0, 1.0, 1e-3, amplitude=1e-3, length=0.1)
+        >>> f"{found.force:.4f}"
+        '0.0077'
     """
     smooth = jkr.curve(contact_radius, radius, contact_modulus, work_of_adhesion)
     (length,) = positive(length=length)
@@ -65,6 +70,10 @@ def envelope_work(
         work_of_adhesion: w [energy/area].
         amplitude: A [length].
         length: the wavelength L [length].
+
+    Example:
+        >>> f"{js.references.guduru.envelope_work(1.0, 1e-3, amplitude=1e-3, length=0.1):.2e}"
+        '1.27e-03'
     """
     contact_modulus, work, length = positive(
         contact_modulus=contact_modulus, work_of_adhesion=work_of_adhesion, length=length
@@ -92,6 +101,11 @@ def envelope(
         work_of_adhesion: w [energy/area].
         amplitude: A [length].
         length: the wavelength L [length].
+
+    Example:
+        >>> found = js.references.guduru.envelope(0.3, 1.0, 1.0, 1e-3, amplitude=1e-3, length=0.1)
+        >>> f"{found.force:.4f}"
+        '0.0067'
     """
     work = envelope_work(contact_modulus, work_of_adhesion, amplitude, length)
     smooth = jkr.curve(contact_radius, radius, contact_modulus, work)
@@ -116,6 +130,11 @@ def envelope_pull_off(
         work_of_adhesion: w [energy/area].
         amplitude: A [length].
         length: the wavelength L [length].
+
+    Example:
+        >>> lowest = js.references.guduru.envelope_pull_off(1.0, 1.0, 1e-3, 1e-3, length=0.1)
+        >>> f"{lowest.force:.4f}"
+        '-0.0060'
     """
     work = envelope_work(contact_modulus, work_of_adhesion, amplitude, length)
     lowest = jkr.pull_off(radius, contact_modulus, work).contact_radius

@@ -13,6 +13,10 @@ def contact_radius(force: float, radius: float, contact_modulus: float) -> float
 
     Raises:
         ValueError: for a negative force, and a radius or modulus that is not positive.
+
+    Example:
+        >>> f"{js.references.hertz.contact_radius(force=0.01, radius=1.0, contact_modulus=1.0):.4f}"
+        '0.1957'
     """
     not_negative("force", force)
     positive(radius=radius, contact_modulus=contact_modulus)
@@ -24,6 +28,10 @@ def peak_pressure(force: float, radius: float, contact_modulus: float) -> float:
 
     Raises:
         ValueError: for a force, radius or modulus that is not positive.
+
+    Example:
+        >>> f"{js.references.hertz.peak_pressure(force=0.01, radius=1.0, contact_modulus=1.0):.4f}"
+        '0.1246'
     """
     positive(force=force)
     return 3 * force / (2 * np.pi * contact_radius(force, radius, contact_modulus) ** 2)

@@ -31,6 +31,11 @@ class SphereState(NamedTuple):
         force: F, positive in compression [force].
         displacement: d, the approach, positive into contact [length].
         contact_radius: a [length].
+
+    Example:
+        >>> found = js.references.jkr.curve(0.3, 1.0, 1.0, 1e-3)
+        >>> f"{found.force:.4f}, {found.displacement:.4f}, {found.contact_radius:.1f}"
+        '0.0100, 0.0466, 0.3'
     """
 
     force: Array
@@ -45,6 +50,11 @@ class Scales(NamedTuple):
         force: F0 = pi w R [force].
         displacement: d0 = (pi^2 w^2 R / K^2)^(1/3) [length].
         contact_radius: a0 = (pi w R^2 / K)^(1/3) [length].
+
+    Example:
+        >>> scales = js.references.jkr.units(radius=1.0, contact_modulus=1.0, work_of_adhesion=1e-3)
+        >>> f"{scales.force:.5f}, {scales.displacement:.5f}, {scales.contact_radius:.4f}"
+        '0.00314, 0.01771, 0.1331'
     """
 
     force: Array
@@ -58,6 +68,11 @@ class Barriers(NamedTuple):
     Attributes:
         detach: the energy of the pass less the energy of the contact [energy].
         jump_in: the energy of the pass less the energy of the separated bodies, zero [energy].
+
+    Example:
+        >>> found = js.references.jkr.barriers(-0.005, 1.0, 1.0, 1e-3)
+        >>> f"{found.detach:.2e}, {found.jump_in:.2e}"
+        '4.20e-05, 4.99e-08'
     """
 
     detach: Array
@@ -71,6 +86,11 @@ def units(radius: ArrayLike, contact_modulus: ArrayLike, work_of_adhesion: Array
         radius: R of the paraboloid [length].
         contact_modulus: E* [pressure].
         work_of_adhesion: w [energy/area].
+
+    Example:
+        >>> unit = js.references.jkr.units(radius=1.0, contact_modulus=1.0, work_of_adhesion=1e-3)
+        >>> f"{unit.force / (np.pi * 1e-3):.1f}"
+        '1.0'
     """
     radius, contact_modulus, work = positive(
         radius=radius, contact_modulus=contact_modulus, work_of_adhesion=work_of_adhesion
@@ -92,6 +112,11 @@ def curve(
         radius: R of the paraboloid [length].
         contact_modulus: E* [pressure].
         work_of_adhesion: w [energy/area].
+
+    Example:
+        >>> found = js.references.jkr.curve(np.array([0.2, 0.3]), 1.0, 1.0, 1e-3)
+        >>> [f"{x:.4f}" for x in found.force]
+        ['-0.0035', '0.0100']
     """
     a, radius, contact_modulus, work = positive(
         contact_radius=contact_radius,
@@ -123,6 +148,10 @@ def energy(
         radius: R of the paraboloid [length].
         contact_modulus: E* [pressure].
         work_of_adhesion: w [energy/area].
+
+    Example:
+        >>> f"{js.references.jkr.energy(0.3, 1.0, 1.0, 1e-3):.2e}"
+        '1.58e-05'
     """
     (a,) = positive(contact_radius=contact_radius)
     unit = units(radius, contact_modulus, work_of_adhesion)
@@ -146,6 +175,11 @@ def held(
         radius: R of the paraboloid [length].
         contact_modulus: E* [pressure].
         work_of_adhesion: w [energy/area].
+
+    Example:
+        >>> stable, pass_ = js.references.jkr.held(-0.005, 1.0, 1.0, 1e-3)
+        >>> f"{stable.force:.4f}, {pass_.force:.4f}"
+        '-0.0046, -0.0000'
     """
     sphere = radius, contact_modulus, work_of_adhesion
     unit = units(*sphere)
@@ -183,6 +217,11 @@ def barriers(
         radius: R of the paraboloid [length].
         contact_modulus: E* [pressure].
         work_of_adhesion: w [energy/area].
+
+    Example:
+        >>> found = js.references.jkr.barriers(-0.005, 1.0, 1.0, 1e-3)
+        >>> f"{found.detach:.2e}, {found.jump_in:.2e}"
+        '4.20e-05, 4.99e-08'
     """
     sphere = radius, contact_modulus, work_of_adhesion
     unit = units(*sphere)
@@ -211,6 +250,11 @@ def pull_off(
         contact_modulus: E* [pressure].
         work_of_adhesion: w [energy/area].
         stiffness: k of the spring [force/length].
+
+    Example:
+        >>> lost = js.references.jkr.pull_off(1.0, 1.0, work_of_adhesion=1e-3)
+        >>> f"{lost.force / (np.pi * 1e-3):.2f}"
+        '-1.50'
     """
     # The functions are d(F + k d)/dA of root = A^(3/2), up to a positive factor.
     return _where_zero(
@@ -238,6 +282,11 @@ def jump_in(
         contact_modulus: E* [pressure].
         work_of_adhesion: w [energy/area].
         stiffness: k of the spring through which the sphere is pressed [force/length].
+
+    Example:
+        >>> found = js.references.jkr.jump_in(1.0, 1.0, work_of_adhesion=1e-3)
+        >>> f"{found.force / (np.pi * 1e-3):.4f}"
+        '-1.3333'
     """
     # The functions are F + k d of root = A^(3/2).
     return _where_zero(
@@ -265,6 +314,10 @@ def loop_loss(
         contact_modulus: E* [pressure].
         work_of_adhesion: w [energy/area].
         stiffness: k of the spring [force/length]; infinite under held displacement.
+
+    Example:
+        >>> f"{js.references.jkr.loop_loss(1.0, 1.0, work_of_adhesion=1e-3):.3e}"
+        '7.092e-05'
     """
     stiffness = np.asarray(stiffness)
     require("The stiffness", stiffness, stiffness > 0, "give a positive number.")
@@ -276,7 +329,13 @@ def loop_loss(
 
 
 def spring_weights(stiffness: ArrayLike, unit: Scales) -> tuple[Array, Array]:
-    """Return the weights 1 / (1 + k) of F and k / (1 + k) of d; k in `Scales` may be infinite."""
+    """Return the weights 1 / (1 + k) of F and k / (1 + k) of d; k in `Scales` may be infinite.
+
+    Example:
+        >>> unit = js.references.jkr.units(1.0, 1.0, 1e-3)
+        >>> [f"{x:.1f}" for x in js.references.jkr.spring_weights(np.inf, unit)]
+        ['0.0', '1.0']
+    """
     stiffness = not_negative("stiffness", stiffness) * unit.displacement / unit.force
     return 1 / (1 + stiffness), 1 - 1 / (1 + stiffness)
 

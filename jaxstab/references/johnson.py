@@ -28,6 +28,11 @@ class WavyState(NamedTuple):
         mean_pressure: p, positive in compression [pressure].
         mean_gap: the gap's mean over the period [length].
         contact_fraction: 2 a / L, the part of the period in contact [1].
+
+    Example:
+        >>> found = js.references.johnson.curve(0.5, 0.01, 1.0, 1.0, 1e-5)
+        >>> f"{found.mean_pressure:.4f}, {found.mean_gap:.5f}"
+        '0.0112, 0.00252'
     """
 
     mean_pressure: Array
@@ -47,6 +52,10 @@ def adhesion_parameter(
         length: the period L [length].
         contact_modulus: E* [pressure].
         work_of_adhesion: w [energy/area].
+
+    Example:
+        >>> f"{js.references.johnson.adhesion_parameter(0.01, 1.0, 1.0, work_of_adhesion=1e-5):.3f}"
+        '0.142'
     """
     amplitude, length, contact_modulus, work = positive(
         amplitude=amplitude,
@@ -80,6 +89,11 @@ def curve(
     Raises:
         ValueError: if the fraction is not between 0 and 1, or another argument not positive and
             finite.
+
+    Example:
+        >>> found = js.references.johnson.curve(np.array([0.2, 0.5]), 0.01, 1.0, 1.0, 1e-5)
+        >>> [f"{p:.4f}" for p in found.mean_pressure]
+        ['0.0005', '0.0112']
     """
     contact_fraction, amplitude, length, contact_modulus, work = positive(
         contact_fraction=contact_fraction,
@@ -112,6 +126,10 @@ def pull_off(
     Raises:
         ValueError: if alpha is above 1.0652, where all partial contact is unstable; or if an
             argument is not positive and finite.
+
+    Example:
+        >>> f"{js.references.johnson.pull_off(0.01, 1.0, 1.0, 1e-5).mean_pressure:.5f}"
+        '-0.00111'
     """
     return _fold(0.0, amplitude, length, contact_modulus, work_of_adhesion)
 
@@ -132,6 +150,10 @@ def jump_to_full_contact(
     Raises:
         ValueError: if alpha is above 1.0652, where all partial contact is unstable; or if an
             argument is not positive and finite.
+
+    Example:
+        >>> f"{js.references.johnson.jump_to_full_contact(0.01, 1.0, 1.0, 1e-5).mean_pressure:.4f}"
+        '0.0207'
     """
     return _fold(np.pi / 2, amplitude, length, contact_modulus, work_of_adhesion)
 
@@ -146,6 +168,10 @@ def is_full_by_itself(
         length: the period L [length].
         contact_modulus: E* [pressure].
         work_of_adhesion: w [energy/area].
+
+    Example:
+        >>> [bool(js.references.johnson.is_full_by_itself(0.01, 1.0, 1.0, w)) for w in (1e-5, 1e-2)]
+        [False, True]
     """
     alpha = adhesion_parameter(amplitude, length, contact_modulus, work_of_adhesion)
     return alpha > 3**0.75 / 4

@@ -37,6 +37,11 @@ class DugdaleState(NamedTuple):
         displacement: d, the approach, positive into contact [length].
         contact_radius: a [length].
         outer_radius: c, up to which the tension acts [length].
+
+    Example:
+        >>> lost = js.references.maugis.pull_off(1.0, 1.0, 1e-3, strength=0.1)
+        >>> bool(lost.outer_radius > lost.contact_radius)
+        True
     """
 
     force: Array
@@ -57,6 +62,10 @@ def transition_parameter(
         contact_modulus: E* [pressure].
         work_of_adhesion: w [energy/area].
         strength: s, the tension [pressure].
+
+    Example:
+        >>> f"{js.references.maugis.transition_parameter(1.0, 1.0, 1e-3, strength=0.1):.3f}"
+        '1.127'
     """
     radius, contact_modulus, work, strength = positive(
         radius=radius,
@@ -85,6 +94,11 @@ def curve(
         contact_modulus: E* [pressure].
         work_of_adhesion: w [energy/area].
         strength: s, the tension [pressure].
+
+    Example:
+        >>> found = js.references.maugis.curve(0.3, 1.0, 1.0, 1e-3, strength=0.1)
+        >>> f"{found.force:.4f}"
+        '0.0152'
     """
     (contact_radius,) = positive(contact_radius=contact_radius)
     unit, parameter = _scales(radius, contact_modulus, work_of_adhesion, strength)
@@ -114,6 +128,11 @@ def without_contact(
 
     Raises:
         ValueError: if c is negative or too large, or another argument not positive and finite.
+
+    Example:
+        >>> found = js.references.maugis.without_contact(0.05, 1.0, 1.0, 1e-3, strength=0.1)
+        >>> f"{found.force / (np.pi * 0.05**2 * 0.1):.2f}"
+        '-1.00'
     """
     c = not_negative("outer_radius", outer_radius)
     unit, parameter = _scales(radius, contact_modulus, work_of_adhesion, strength)
@@ -134,6 +153,11 @@ def first_touch(
         contact_modulus: E* [pressure].
         work_of_adhesion: w [energy/area].
         strength: s, the tension [pressure].
+
+    Example:
+        >>> touch = js.references.maugis.first_touch(1.0, 1.0, 1e-3, strength=0.1)
+        >>> f"{touch.force:.5f}, {touch.contact_radius:.1f}"
+        '-0.00234, 0.0'
     """
     unit, parameter = _scales(radius, contact_modulus, work_of_adhesion, strength)
     return _with_units(unit, *_without_contact(_first_outer(parameter), parameter))
@@ -158,6 +182,11 @@ def pull_off(
         work_of_adhesion: w [energy/area].
         strength: s, the tension [pressure].
         stiffness: k of the spring [force/length].
+
+    Example:
+        >>> lost = js.references.maugis.pull_off(1.0, 1.0, 1e-3, strength=0.1)
+        >>> f"{lost.force / (np.pi * 1e-3):.3f}"
+        '-1.585'
     """
     unit, parameter = _scales(radius, contact_modulus, work_of_adhesion, strength)
     of_force, of_displacement = jkr.spring_weights(stiffness, unit)

@@ -29,6 +29,11 @@ def tip_radius(
 
     Raises:
         ValueError: if an argument is not positive and finite.
+
+    Example:
+        >>> radius = js.references.persson_brener.tip_radius(1e-3, 0.1, contact_modulus=1.0)
+        >>> f"{radius * np.pi:.2f}"
+        '0.10'
     """
     w, s, modulus = positive(
         work_of_adhesion=work_of_adhesion, strength=strength, contact_modulus=contact_modulus
@@ -52,6 +57,12 @@ def work(speed: ArrayLike, ratios: ArrayLike, times: ArrayLike, tip_radius: Arra
     Raises:
         ValueError: for ratios and times of different numbers, a negative or infinite ratio, and
             another argument that is not positive and finite.
+
+    Example:
+        >>> speeds = np.array([1e-6, 1e6])
+        >>> found = js.references.persson_brener.work(speeds, (1.0,), times=(1.0,), tip_radius=1.0)
+        >>> [f"{w:.3f}" for w in found]
+        ['1.000', '2.000']
     """
     (speed,) = positive(speed=speed)
     (times,) = positive(relaxation_time=times)

@@ -115,6 +115,12 @@ def check_derivative(
         ValueError: if a leaf is zero everywhere, so that its scale is unknown: give a direction;
             for another mode.
         TypeError: under a JAX transformation, or if the point has no floating-point leaf.
+
+    Example:
+        >>> def pressure(gap):
+        ...     return js.equilibrate(contact, js.MeanGap(gap)).mean_pressure
+        >>> js.check_derivative(pressure, 0.05).success
+        True
     """
     require_known(point, "check_derivative")
     require_one_of("mode", mode, ("fwd", "rev"))

@@ -14,6 +14,10 @@ def full_contact_pressure(amplitude: float, length: float, contact_modulus: floa
 
     Raises:
         ValueError: for an amplitude, length or modulus that is not positive.
+
+    Example:
+        >>> f"{js.references.westergaard.full_contact_pressure(0.01, 1.0, 1.0):.4f}"
+        '0.0314'
     """
     positive(amplitude=amplitude, length=length, contact_modulus=contact_modulus)
     return np.pi * contact_modulus * amplitude / length
@@ -26,6 +30,10 @@ def contact_fraction(
 
     Raises:
         ValueError: for a pressure that is negative or above p*, or others that are not positive.
+
+    Example:
+        >>> f"{js.references.westergaard.contact_fraction(0.01, 0.01, 1.0, 1.0):.4f}"
+        '0.3816'
     """
     most = full_contact_pressure(amplitude, length, contact_modulus)
     is_partial = (mean_pressure >= 0) & (mean_pressure <= most)
@@ -52,6 +60,11 @@ def pressure(
 
     Returns:
         The pressure [pressure]; s = pi x / L and s_a is its value at the edge of contact.
+
+    Example:
+        >>> found = js.references.westergaard.pressure(np.array([0.0, 0.5]), 0.01, 0.01, 1.0, 1.0)
+        >>> [f"{p:.4f}" for p in found]
+        ['0.0354', '0.0000']
     """
     edge = contact_fraction(mean_pressure, amplitude, length, contact_modulus) * np.pi / 2
     sine = np.sin(np.pi * x / length)

@@ -77,6 +77,11 @@ class FreeHalfSpace(Solid):
     Raises:
         ValueError: if E is not positive, or nu outside (-1, 0.5].
         TypeError: if one of them is complex, and for rings.
+
+    Example:
+        >>> free = js.FreeHalfSpace(grid, youngs_modulus=1.0)
+        >>> f"{free.uniform_stiffness:.4f}"
+        '0.4457'
     """
 
     grid: Grid

@@ -22,6 +22,10 @@ class HalfSpace(SpectralSolid):
     Raises:
         ValueError: if E is not positive, or nu outside (-1, 0.5].
         TypeError: if one of them is complex.
+
+    Example:
+        >>> f"{js.HalfSpace(grid, youngs_modulus=2.0, poisson_ratio=0.5).contact_modulus:.4f}"
+        '2.6667'
     """
 
     grid: Grid

@@ -46,6 +46,11 @@ class Layer(SpectralSolid):
     Raises:
         ValueError: if E or the thickness is not positive, or nu outside (-1, 0.5].
         TypeError: if one of them is complex.
+
+    Example:
+        >>> layer = js.Layer(grid, youngs_modulus=1.0, poisson_ratio=0.3, thickness=0.1)
+        >>> f"{layer.uniform_stiffness:.3f}"
+        '13.462'
     """
 
     grid: Grid
@@ -99,6 +104,11 @@ class CoatedHalfSpace(SpectralSolid):
         ValueError: if a modulus or the thickness is not positive, a Poisson's ratio is outside
             (-1, 0.5], or layer or base are not two numbers.
         TypeError: if one of them is complex.
+
+    Example:
+        >>> coated = js.CoatedHalfSpace(grid, layer=(10.0, 0.3), thickness=0.01, base=(1.0, 0.3))
+        >>> [f"{k:.3g}" for k in coated.stiffness_at(np.array([1.0, 1000.0]))]
+        ['0.558', '5.49e+03']
     """
 
     grid: Grid

@@ -26,6 +26,11 @@ class SurfaceTension(SpectralSolid):
     Raises:
         TypeError: for a solid without a stiffness for every wavenumber, such as a `FreeHalfSpace`.
         ValueError: if the tension is negative.
+
+    Example:
+        >>> gel = js.SurfaceTension(solid, tension=0.1)
+        >>> [f"{k:.1f}" for k in gel.stiffness_at(np.array([1.0, 10.0]))]
+        ['0.6', '15.0']
     """
 
     solid: SpectralSolid
@@ -67,6 +72,11 @@ class Sheet(SpectralSolid):
 
     Raises:
         ValueError: if the bending stiffness is not positive, or the tension negative.
+
+    Example:
+        >>> sheet = js.Sheet(grid, bending_stiffness=1e-3)
+        >>> f"{sheet.stiffness_at(np.array(2.0)):.3f}"
+        '0.016'
     """
 
     grid: Grid

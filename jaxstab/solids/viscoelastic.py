@@ -61,6 +61,11 @@ class Viscoelastic(Solid):
         TypeError: for a solid that is not elastic.
         ValueError: for ratios and times of different numbers or none, a negative ratio, and times
             that are not positive or not in increasing order.
+
+    Example:
+        >>> rubber = js.Viscoelastic(solid, ratios=(1.0, 0.5), times=(0.1, 2.0))
+        >>> f"{rubber.glassy.max_stiffness / rubber.relaxed.max_stiffness:.1f}"
+        '2.5'
     """
 
     solid: Solid

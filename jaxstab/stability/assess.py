@@ -111,6 +111,13 @@ def assess_stability(
         TypeError: if the solver is not one for cones, the key not a random one, or an equilibrium
             is given beside a state of an evolution.
         SolverError: if `throw`, for an equilibrium or an eigenvalue that did not converge.
+
+    Example:
+        >>> stability = js.assess_stability(contact, state)
+        >>> f"{stability.cone.eigenvalue:.3f}, {stability.critical.eigenvalue:.3f}"
+        '-2.276, 1.282'
+        >>> print(stability.verdict)
+        held_by_contact
     """
     if isinstance(contact, HasInstant):
         if equilibrium is not None:

@@ -31,6 +31,10 @@ class Minimum(eqx.Module):
         num_applications: applications of A and of the preconditioner.
         result: how the solver ended.
         history: its indicators as it went.
+
+    Example:
+        >>> [field for field in js.solvers.Minimum.__dataclass_fields__]
+        ['vector', 'num_steps', 'num_applications', 'result', 'history']
     """
 
     vector: Field

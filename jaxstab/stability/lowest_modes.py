@@ -63,6 +63,11 @@ def lowest_modes(
             key not a random one.
         SolverError: if `throw`, for an equilibrium or modes that did not converge, or a count
             larger than the dimension of the space.
+
+    Example:
+        >>> modes = js.lowest_modes(contact, state, 2, space="critical")
+        >>> [f"{x:.3f}" for x in modes.eigenvalue]
+        ['1.282', '1.951']
     """
     equilibrium = equilibrium_of(contact, equilibrium)
     count = integer("count", count)

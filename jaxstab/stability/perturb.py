@@ -49,6 +49,12 @@ def relax_along(
             holds its mean.
         TypeError: if the mode is not real numbers, or the solver not one for equilibria.
         SolverError: as `equilibrate`, and for a state that is no equilibrium of the contact.
+
+    Example:
+        >>> mode = js.assess_stability(contact, state).cone.mode
+        >>> back = js.relax_along(contact, state, mode)
+        >>> bool(jnp.allclose(back.gap, state.gap, atol=1e-6))
+        True
     """
     equilibrium = found_equilibrium(contact, equilibrium)
     x = numbers(mode, "The mode")

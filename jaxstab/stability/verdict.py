@@ -15,7 +15,13 @@ from jaxstab.stability.eigenpair import Eigenpair
 
 
 class VERDICTS(Enumeration):
-    """The verdict on the stability of an equilibrium."""
+    """The verdict on the stability of an equilibrium.
+
+    Example:
+        >>> verdict = js.assess_stability(contact, state).verdict
+        >>> print(verdict, bool(verdict == "held_by_contact"))
+        held_by_contact True
+    """
 
     stable = member("every small admissible perturbation raises the energy to second order")
     held_by_contact = member(

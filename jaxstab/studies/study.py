@@ -91,6 +91,13 @@ def study(
         TypeError: for a function that takes other arguments, or does not return a dict of arrays;
             for axes that carry units, and outputs that do, except arrays of xarray.
         OSError, RuntimeError: if the disk is full or read-only, or the executor loses cases.
+
+    Example:
+        >>> def case(gap):
+        ...     return {"pressure": js.equilibrate(contact, js.MeanGap(gap)).mean_pressure}
+        >>> data = js.study(case, {"gap": [0.05, 0.1]}, "study")
+        >>> [f"{p:.4f}" for p in data.pressure.values]
+        ['-0.1768', '-0.1244']
     """
     require_packages("Studies", "studies", "xarray", "h5netcdf", "h5py", "cloudpickle", "dask")
     values, dims = read_axes(axes)

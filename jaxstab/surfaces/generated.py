@@ -42,6 +42,11 @@ def sinusoid(grid: Grid, amplitude: ArrayLike, waves: int | tuple[int, ...] | No
         ValueError: if there is not one number of waves for each side, all are zero, the grid does
             not resolve them, or the amplitude is an array.
         TypeError: if a number of waves is not an integer.
+
+    Example:
+        >>> wave = js.surfaces.sinusoid(grid, amplitude=0.1, waves=(2, 0))
+        >>> f"{wave[0, 0]:.1f}, {wave[4, 0]:.1f}"
+        '0.1, -0.1'
     """
     require_grid(grid)
     if waves is None:
@@ -104,6 +109,11 @@ def self_affine(
             ordered or too fine for the grid, or no wave lies between them. For arrays in place of
             numbers.
         TypeError: for anything but a random key.
+
+    Example:
+        >>> rough = js.surfaces.self_affine(grid, jax.random.key(1), k_high=8, rms_slope=0.1)
+        >>> f"{js.surfaces.rms_slope(grid, rough):.3f}"
+        '0.100'
     """
     require_grid(grid)
     require_key(key)

@@ -43,6 +43,14 @@ class PowerLaw:
             of a surface that is not periodic adds a bias, of up to 0.02 for `periodic("mirror")`
             and 0.1 for `periodic("window")`.
         density_error: standard error of C, in the unit of the density.
+
+    Example:
+        >>> fine = js.Grid(128)
+        >>> key = jax.random.key(0)
+        >>> rough = js.surfaces.self_affine(fine, key, k_low=1, k_high=64, rms_height=0.1)
+        >>> found = js.surfaces.power_law(js.surfaces.power_spectrum(fine, rough))
+        >>> f"{found.rolloff / (2 * np.pi):.0f}, {found.cutoff / (2 * np.pi):.0f}"
+        '1, 64'
     """
 
     hurst: float
@@ -72,6 +80,13 @@ def power_law(spectrum: PowerSpectrum) -> PowerLaw:
     Warns:
         SurfaceWarning: if no band of the spectrum is self-affine: with H in [0, 1], known to 0.25,
             over a factor of 2.5 of wavenumbers.
+
+    Example:
+        >>> fine = js.Grid(128)
+        >>> key = jax.random.key(0)
+        >>> rough = js.surfaces.self_affine(fine, key, hurst=0.8, k_high=64, rms_height=0.1)
+        >>> f"{js.surfaces.power_law(js.surfaces.power_spectrum(fine, rough)).hurst:.1f}"
+        '0.8'
     """
     cure = "give a result of jaxstab.surfaces.power_spectrum."
     require_kind(spectrum, PowerSpectrum, f"no spectrum: {cure}")

@@ -68,6 +68,12 @@ def read(
         ValueError: if the file holds no surface, is damaged, or has no such channel. If `lengths`
             are needed, or if `lengths` or `unit` contradict the file.
         ImportError: if the format needs a package that is not installed.
+
+    Example:
+        >>> np.savetxt("scan.txt", heights)
+        >>> scan = js.surfaces.read("scan.txt", lengths=(10.0, 10.0), unit="µm")
+        >>> scan.grid.shape, f"{js.surfaces.rms_height(scan):.3f}"
+        ((16, 16), '0.050')
     """
     path = Path(path)
     with file_named_in_errors(path):

@@ -34,6 +34,10 @@ def paraboloid(grid: Mesh, radius: ArrayLike) -> Field:
 
     Raises:
         ValueError: if the radius is not positive.
+
+    Example:
+        >>> f"{js.surfaces.paraboloid(grid, radius=2.0).min():.4f}"
+        '-0.1250'
     """
     require_mesh(grid)
     return _paraboloid(grid, positive_scalar(radius, "The radius"))
@@ -55,6 +59,10 @@ def sphere(grid: Mesh, radius: ArrayLike) -> Field:
 
     Raises:
         ValueError: if the radius is not positive.
+
+    Example:
+        >>> f"{js.surfaces.sphere(grid, radius=0.4).min():.1f}"
+        '-0.4'
     """
     require_mesh(grid)
     return _sphere(grid, positive_scalar(radius, "The radius"))
@@ -80,6 +88,10 @@ def cone(grid: Mesh, slope: ArrayLike) -> Field:
 
     Raises:
         ValueError: if the slope is not positive.
+
+    Example:
+        >>> f"{js.surfaces.cone(grid, slope=0.1).min():.4f}"
+        '-0.0707'
     """
     require_mesh(grid)
     return _cone(grid, positive_scalar(slope, "The slope"))
@@ -102,6 +114,10 @@ def hyperboloid(grid: Mesh, radius: ArrayLike, slope: ArrayLike) -> Field:
 
     Raises:
         ValueError: if radius or slope are not positive.
+
+    Example:
+        >>> f"{js.surfaces.hyperboloid(grid, radius=0.1, slope=0.5).min():.4f}"
+        '-0.3294'
     """
     require_mesh(grid)
     radius = positive_scalar(radius, "The radius")
@@ -127,6 +143,11 @@ def flat_punch(grid: Mesh, radius: ArrayLike, rim_radius: ArrayLike) -> Field:
 
     Raises:
         ValueError: if a radius is not positive.
+
+    Example:
+        >>> punch = js.surfaces.flat_punch(grid, radius=0.2, rim_radius=0.1)
+        >>> int((punch == 0).sum())
+        37
     """
     require_mesh(grid)
     radius = positive_scalar(radius, "The radius")
@@ -155,6 +176,11 @@ def wavy_sphere(
 
     Raises:
         ValueError: if radius or wavelength are not positive, or the amplitude not finite.
+
+    Example:
+        >>> wavy = js.surfaces.wavy_sphere(grid, radius=2.0, amplitude=0.01, wavelength=0.25)
+        >>> f"{wavy[8, 8] - wavy[8, 6]:.4f}"
+        '0.0239'
     """
     require_mesh(grid)
     amplitude = scalar_parameter(amplitude, "The amplitude")
@@ -190,6 +216,11 @@ def tip(grid: Mesh, profile_radii: ArrayLike, profile_heights: ArrayLike) -> Fie
 
     Warns:
         SurfaceWarning: for a profile that is highest at its end, as depths below the summit are.
+
+    Example:
+        >>> tip = js.surfaces.tip(grid, np.array([0.0, 0.5, 1.0]), np.array([0.0, -0.2, -0.8]))
+        >>> f"{tip.max():.1f}, {tip[8, 0]:.1f}"
+        '0.0, -0.2'
     """
     require_mesh(grid)
     radii = parameter(profile_radii, "The array of radii")

@@ -45,7 +45,12 @@ class Elastic(Protocol):
 
 
 def rms_height(heights: Field | Topography) -> Scalar:
-    """Return the root mean square height about the mean [length]."""
+    """Return the root mean square height about the mean [length].
+
+    Example:
+        >>> f"{js.surfaces.rms_height(heights):.3f}"
+        '0.050'
+    """
     return _standard_deviation(_complete(heights))
 
 
@@ -53,12 +58,24 @@ _standard_deviation = jax.jit(jnp.std)
 
 
 def rms_slope(grid: Grid, heights: Field | Topography) -> Scalar:
-    """Return the root mean square of |grad h|."""
+    """Return the root mean square of |grad h|.
+
+    Example:
+        >>> wave = js.surfaces.sinusoid(grid, amplitude=0.1, waves=(1, 0))
+        >>> f"{js.surfaces.rms_slope(grid, wave):.4f}"
+        '0.4443'
+    """
     return rms_derivative(grid, _heights_on(grid, heights), 1)
 
 
 def rms_curvature(grid: Grid, heights: Field | Topography) -> Scalar:
-    """Return the root mean square of the mean curvature, lap h / d in d dimensions [1/length]."""
+    """Return the root mean square of the mean curvature, lap h / d in d dimensions [1/length].
+
+    Example:
+        >>> wave = js.surfaces.sinusoid(grid, amplitude=0.1, waves=(1, 0))
+        >>> f"{js.surfaces.rms_curvature(grid, wave):.4f}"
+        '1.3958'
+    """
     return rms_derivative(grid, _heights_on(grid, heights), 2) / len(grid.shape)
 
 
@@ -71,6 +88,11 @@ class PowerSpectrum(eqx.Module):
             line]. h(q) is the Fourier transform over the cell divided by the root of its area. So
             the mean square height is the sum over all waves of density / area.
         num_waves: how many waves the ring holds; density is zero where there are none.
+
+    Example:
+        >>> spectrum = js.surfaces.power_spectrum(grid, heights)
+        >>> [f"{q / (2 * np.pi):.0f}" for q in spectrum.wavenumber[:3]]
+        ['1', '2', '3']
     """
 
     wavenumber: Float[Array, " rings"]
@@ -93,6 +115,11 @@ def power_spectrum(grid: Grid, heights: Field | Topography) -> PowerSpectrum:
         ValueError: for heights of another shape than the grid, or not finite, and for densities
             that underflow.
         TypeError: for anything but a grid.
+
+    Example:
+        >>> spectrum = js.surfaces.power_spectrum(grid, heights)
+        >>> bool(spectrum.density[1] > spectrum.density[5])
+        True
     """
     if isinstance(heights, Topography) and not jax.config.values["jax_enable_x64"]:
         with jax.ensure_compile_time_eval(), jax.enable_x64(True):
@@ -130,6 +157,11 @@ class Autocorrelation(eqx.Module):
         distance: mean |r| of the points of each ring, the first zero alone, up to half
             the longest side [length].
         value: mean of <h(x) h(x + r)> over them, the mean square height at zero [length^2].
+
+    Example:
+        >>> found = js.surfaces.autocorrelation(grid, heights)
+        >>> f"{found.value[0] / js.surfaces.rms_height(heights) ** 2:.3f}"
+        '1.000'
     """
 
     distance: Float[Array, " rings"]
@@ -150,6 +182,11 @@ def autocorrelation(grid: Grid, heights: Field | Topography) -> Autocorrelation:
     Raises:
         ValueError: for heights of another shape than the grid, or not finite.
         TypeError: for anything but a grid.
+
+    Example:
+        >>> found = js.surfaces.autocorrelation(grid, heights)
+        >>> [f"{c / found.value[0]:.2f}" for c in found.value[:3]]
+        ['1.00', '0.75', '0.39']
     """
     heights = _heights_on(grid, heights)
     lengths = np.asarray(grid.lengths)
@@ -183,6 +220,10 @@ def full_contact_energy(solid: Elastic, heights: Field | Topography) -> Scalar:
     Raises:
         ValueError: for heights of another shape than the grid, or not finite.
         TypeError: for anything but a solid.
+
+    Example:
+        >>> f"{js.surfaces.full_contact_energy(solid, heights):.5f}"
+        '0.01013'
     """
     return _energy(solid, _heights_on(_grid_of(solid), heights, solid.is_window))
 
@@ -219,6 +260,10 @@ def effective_work_of_adhesion(
         ValueError: for heights of another shape than the grid, or not finite, and for work that is
             negative or not finite.
         TypeError: for anything but a solid.
+
+    Example:
+        >>> f"{js.surfaces.effective_work_of_adhesion(solid, heights, work=0.03):.4f}"
+        '0.0284'
     """
     grid = _grid_of(solid)
     heights = _heights_on(grid, heights, solid.is_window)

@@ -51,6 +51,11 @@ class Topography:
         ValueError: for heights of another shape than the grid, infinite, or missing altogether.
             For a unit that is none of length, and where lengths or unit of heights contradict.
         TypeError: for anything but a grid, and for heights that are not real numbers.
+
+    Example:
+        >>> scan = js.surfaces.Topography(grid, np.asarray(heights), unit="µm")
+        >>> f"{js.surfaces.rms_height(scan.in_unit('nm')):.1f}"
+        '50.0'
     """
 
     grid: Grid

@@ -226,6 +226,12 @@ def detachment(
             that are not positive.
         TypeError: for another kind of load, and under JAX transformations.
         SolverError: where the contact has no pull-off, or a pass is not found.
+
+    Example:
+        >>> load = js.MeanPressure(-0.15)
+        >>> life = js.detachment(contact, load, thermal_energy=1e-4, attempt_rate=1e6)
+        >>> f"{life.mean_life:.2e}"
+        '2.47e-04'
     """
     require_contact(contact)
     require_loads(load, (), "detachment takes one load", "use a loop.")

@@ -52,6 +52,11 @@ def easiest_exit(
         ValueError: as `assess_stability`, and for no mode.
         TypeError: under JAX transformations.
         SolverError: where modes are not found, and if `throw` where no pass is.
+
+    Example:
+        >>> closed = js.equilibrate(contact, js.MeanGap(0.0624), initial=state)
+        >>> f"{js.easiest_exit(contact, closed).there:.2e}"
+        '2.13e-07'
     """
     equilibrium = equilibrium_of(contact, equilibrium)
     require_known((contact, equilibrium), "easiest_exit")

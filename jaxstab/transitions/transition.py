@@ -68,6 +68,13 @@ def transition(
         TypeError: with None, under `jax.jit` or `jax.vmap`.
         SolverError: if `throw`, where the two relax to the same state, no saddle is found, or with
             None the branch ends before (`lost_branch`) or without a pass (`no_detachment`).
+
+    Example:
+        >>> load = js.MeanGap(0.0624)
+        >>> closed, open = (js.equilibrate(contact, load, initial=x) for x in (state, None))
+        >>> way = js.transition(contact, load, closed, open)
+        >>> f"{way.there:.2e}, {way.back:.2e}"
+        '2.13e-07, 4.79e-07'
     """
     require_contact(contact)
     require_loads(load, (), "transition takes one load", "use jax.vmap.")

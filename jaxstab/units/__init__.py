@@ -25,6 +25,10 @@ def powers_of_ten(quantity: str) -> dict[str, int]:
 
     Raises:
         ValueError: for another quantity.
+
+    Example:
+        >>> js.units.powers_of_ten("pressure")["MPa"]
+        6
     """
     require_one_of("quantity", quantity, _POWERS)
     return dict(_POWERS[quantity])

@@ -94,6 +94,10 @@ def conductance(
             defined: without a closed gap under a law that repels at every gap.
         SolverError: if the linear system was not solved. Inside of a transformation all of these
             are NaN.
+
+    Example:
+        >>> f"{js.conductance(contact, state, resistivities=(1.0, 1.0)).conductance:.2f}"
+        '4.98'
     """
     state = defined_contact(contact, equilibrium)
     warn_of_few_points(contact, state.contact_area)

@@ -98,6 +98,11 @@ def leakage(
         TypeError: for something that is not a state, or inside of a JAX transformation.
         SolverError: if fluxes do not balance, or the permeability is not known to 1e-7.
         ImportError: for multigrid without PyAMG.
+
+    Example:
+        >>> open = js.equilibrate(contact, js.MeanGap(0.1))
+        >>> [f"{x:.1e}" for x in jnp.diag(js.leakage(contact, open).permeability)]
+        ['4.7e-05', '5.1e-05']
     """
     require_known((contact, equilibrium), "leakage")
     state = found_equilibrium(contact, equilibrium)

@@ -83,6 +83,11 @@ def patches(contact: Contact, equilibrium: State, *, neighbours: Neighbours = 4)
             found, or one of another grid, and where contact is not defined: without a closed gap
             under a law that repels at every gap; and on rings, where patches are annuli.
         TypeError: for something that is not a state, or inside of a JAX transformation.
+
+    Example:
+        >>> patches = js.patches(contact, state)
+        >>> int(patches.number), f"{patches.largest:.3f}"
+        (6, '0.184')
     """
     require_one_of("neighbours", neighbours, (4, 8))
     require_known((contact, equilibrium), "patches")

@@ -53,6 +53,10 @@ class EquilibriumSolver(IterativeSolver):
     Its states have a `gap` that meets the load and is nowhere negative, and its `balance`, whose
     residual is to fall to the tolerance. It may be given as `solver` wherever an equilibrium is
     sought.
+
+    Example:
+        >>> isinstance(js.solvers.SaddleNewton(), js.solvers.EquilibriumSolver)
+        True
     """
 
     __repr__ = inline

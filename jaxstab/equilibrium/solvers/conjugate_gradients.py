@@ -83,6 +83,12 @@ class PreconditionedConjugateGradient(EquilibriumSolver):
 
     Raises:
         ValueError: if `max_move` is not positive.
+
+    Example:
+        >>> solver = js.solvers.PreconditionedConjugateGradient(1e-10)
+        >>> found = js.equilibrate(contact, js.MeanGap(0.05), solver)
+        >>> bool(found.residual < 1e-10)
+        True
     """
 
     tolerance: Scalar | None = eqx.field(converter=optional_parameter, default=None)

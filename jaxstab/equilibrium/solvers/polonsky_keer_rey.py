@@ -39,6 +39,11 @@ class PolonskyKeerRey(EquilibriumSolver):
         tolerance: relative optimality residual to reach; by default 1e-8 in float64 and 1e-4 in
             float32.
         max_steps: the step limit, 20 000 by default.
+
+    Example:
+        >>> found = js.equilibrate(contact, js.MeanGap(0.05), js.solvers.PolonskyKeerRey(1e-8))
+        >>> f"{found.mean_pressure:.4f}"
+        '-0.1768'
     """
 
     tolerance: Scalar | None = eqx.field(converter=optional_parameter, default=None)

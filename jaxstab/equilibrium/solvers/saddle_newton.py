@@ -43,6 +43,12 @@ class SaddleNewton(EquilibriumSolver):
         tolerance: relative optimality residual to reach; by default 1e-9 in float64 and 1e-4 in
             float32.
         max_steps: the step limit, 200 by default.
+
+    Example:
+        >>> newton = js.solvers.SaddleNewton()
+        >>> saddle = js.equilibrate(contact, js.MeanGap(0.05), newton, initial=state)
+        >>> f"{saddle.mean_pressure:.4f}"
+        '-0.1768'
     """
 
     tolerance: Scalar | None = eqx.field(converter=optional_parameter, default=None)

@@ -77,6 +77,10 @@ class ConeSolver(Eigensolver, Dimensioned):
     A subclass gives `init`, from a block of vectors to start from, `step` and `measure`; and
     `minimum`, where its state is not the vector. Fields that hold pressures declare their
     dimension, since `assess_stability` solves in the contact's characteristic pressure.
+
+    Example:
+        >>> isinstance(js.solvers.ProjectedLOBPCG(), js.solvers.ConeSolver)
+        True
     """
 
     def solve(
@@ -104,6 +108,10 @@ class SpaceSolver(Eigensolver):
 
     A subclass gives `init`, from a block of vectors to start from, `step` and `measure`; and
     `minimum`, where its state is not the block.
+
+    Example:
+        >>> isinstance(js.solvers.Davidson(), js.solvers.SpaceSolver)
+        True
     """
 
     def solve(

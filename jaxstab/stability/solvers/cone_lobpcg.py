@@ -85,6 +85,11 @@ class ProjectedLOBPCG(ConeSolver):
             to reach. P is the projection onto the cone, b the bound on |A| and s its size on the
             lower modes. By default 1e-7 in float64 and 1e-5 in float32.
         max_steps: the step limit of each start, 5000 by default.
+
+    Example:
+        >>> solver = js.solvers.ProjectedLOBPCG(tolerance=1e-6)
+        >>> f"{js.assess_stability(contact, state, solver).cone.eigenvalue:.3f}"
+        '-2.276'
     """
 
     tolerance: Annotated[Scalar, NUMBER] | None = eqx.field(

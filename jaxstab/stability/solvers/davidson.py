@@ -125,6 +125,11 @@ class Davidson(SpaceSolver):
             float64 and 1e-5 in float32.
         max_steps: the step limit, 5000 by default; the first takes the starts, each other one three
             residuals.
+
+    Example:
+        >>> modes = js.lowest_modes(contact, state, 2, solver=js.solvers.Davidson(1e-6))
+        >>> f"{modes.eigenvalue[0]:.3f}"
+        '-3.712'
     """
 
     tolerance: Scalar | None = eqx.field(converter=optional_parameter, default=None)

@@ -56,6 +56,11 @@ class ProximalIteration(ConeSolver):
 
     Raises:
         ValueError: if a tolerance, limit or step is not positive.
+
+    Example:
+        >>> stability = js.assess_stability(contact, state, js.ProximalIteration())
+        >>> f"{stability.cone.eigenvalue:.3f}"
+        '-2.268'
     """
 
     tolerance: Annotated[Scalar, NUMBER] | None = eqx.field(
