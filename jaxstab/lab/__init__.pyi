@@ -3,13 +3,25 @@ from .contact_points import ContactPoints, contact_points
 from .fit import FitErrors, ForceCurveFit
 from .fit_curve import fit_curve
 from .fit_each import Fits, fit_each
+from .fit_viscoelastic import ViscoelasticErrors, ViscoelasticFit, fit_viscoelastic
 from .modulus_over_depth import ModulusOverDepth, modulus_over_depth
 from .report import Wording, report
-from .tips import Cone, FlatPunch, Paraboloid, Pyramid, Sphere, Tip
+from .tips import (
+    Cone,
+    ElasticTip,
+    FlatPunch,
+    Paraboloid,
+    Pyramid,
+    Sphere,
+    SphereOnPlate,
+    Tip,
+    TwoSpheres,
+)
 
 __all__ = [
     "Cone",
     "ContactPoints",
+    "ElasticTip",
     "FitErrors",
     "Fits",
     "FlatPunch",
@@ -18,11 +30,16 @@ __all__ = [
     "Paraboloid",
     "Pyramid",
     "Sphere",
+    "SphereOnPlate",
     "Tip",
+    "TwoSpheres",
+    "ViscoelasticErrors",
+    "ViscoelasticFit",
     "Wording",
     "contact_points",
     "fit_curve",
     "fit_each",
+    "fit_viscoelastic",
     "force_curves",
     "modulus_over_depth",
     "report",

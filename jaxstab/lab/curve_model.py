@@ -181,7 +181,7 @@ class Model:
         beside = np.convolve(data.has_jump, np.ones(3), "same") > 0
         jacobian[: len(beside)][beside] = 0.0
         variances = np.zeros(self.count)
-        variances[free] = np.diag(_inverse(jacobian))
+        variances[free] = np.diag(inverse(jacobian))
         return variances
 
     def fit(
@@ -252,7 +252,7 @@ def _means(path: np.ndarray, force: np.ndarray, low: np.ndarray, high: np.ndarra
     return (area(middle + wide / 2) - area(middle - wide / 2)) / wide
 
 
-def _inverse(jacobian: np.ndarray) -> np.ndarray:
+def inverse(jacobian: np.ndarray) -> np.ndarray:
     """Return the inverse of J^T J, of columns that may have any size."""
     size = np.linalg.norm(jacobian, axis=0)
     size[size == 0] = 1.0

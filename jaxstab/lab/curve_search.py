@@ -256,11 +256,11 @@ def _scatter(model: Model, found: OptimizeResult) -> np.ndarray:
     for is_part in (data.is_near, ~data.is_near):
         inside = misfit[is_part[data.group]]
         if inside.size > 3:
-            scatter[is_part] = max(_long_variance(inside, model.count) / data.noise**2, 1.0)
+            scatter[is_part] = max(correlated_variance(inside, model.count) / data.noise**2, 1.0)
     return scatter
 
 
-def _long_variance(values: np.ndarray, freedom: int) -> float:
+def correlated_variance(values: np.ndarray, freedom: int) -> float:
     """Return the variance of the mean of many values, times their number."""
     count = len(values)
     size = 2 ** int(np.ceil(np.log2(2 * count)))

@@ -7,12 +7,22 @@ import json
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal, Self
+from typing import TYPE_CHECKING, Any, Literal, Self
 
 import numpy as np
 
 import jaxstab as js
-from jaxstab.lab.tips import FlatPunch, Tip
+from jaxstab.lab.tips import (
+    Cone,
+    ElasticTip,
+    FlatPunch,
+    Paraboloid,
+    Pyramid,
+    Sphere,
+    SphereOnPlate,
+    Tip,
+    TwoSpheres,
+)
 
 if TYPE_CHECKING:
     import xarray
@@ -91,6 +101,12 @@ class ForceCurveFit:
         return str(js.RESULTS[self.result])
 
     @property
+    def contact_modulus(self) -> float:
+        """E* of both bodies, 1 / E* = (1 - nu^2) / E + (1 - nu_t^2) / E_t [Pa]."""
+        own = (1 - self.poisson_ratio**2) / self.youngs_modulus
+        return 1 / (own + (self.tip.compliance if isinstance(self.tip, ElasticTip) else 0.0))
+
+    @property
     def points(self) -> js.lab.force_curves.Segment:
         """The measured points, in the units of the curve."""
         return getattr(self.curve, self.segment)
@@ -123,7 +139,7 @@ class ForceCurveFit:
         inputs = {
             "result": self.result.name,
             "segment": self.segment,
-            "tip": {"shape": type(self.tip).__name__, **vars(self.tip)},
+            "tip": _numbers_of(self.tip),
             "poisson_ratio": self.poisson_ratio,
             "errors": asdict(self.errors),
         }
@@ -139,15 +155,13 @@ class ForceCurveFit:
         if "fit" not in dataset.attrs:
             raise ValueError("The data set is none of a fit, made by its `to_dataset`.")
         inputs = json.loads(dataset.attrs["fit"])
-        shapes = {shape.__name__: shape for shape in (*Tip.__subclasses__(), FlatPunch)}
-        tip = inputs.pop("tip")
         numbers = {name: float(dataset[name]) for name in (*_SYMBOLS, "noise", "misfit")}
         return cls(
             **numbers,
             errors=FitErrors(**inputs.pop("errors")),
             result=getattr(js.RESULTS, inputs.pop("result")),
             curve=js.lab.force_curves.ForceCurve.from_dataset(dataset),
-            tip=shapes[tip.pop("shape")](**tip),
+            tip=_tip_of(inputs.pop("tip")),
             forces=np.asarray(dataset["fitted_force"]),
             **inputs,
         )
@@ -239,6 +253,25 @@ class ForceCurveFit:
             f"{self.misfit / self.noise:.2g} times the noise of {self.noise / by:.3g} {unit}"
         )
         return "\n".join([head, *lines])
+
+
+def _numbers_of(tip: Tip | FlatPunch) -> dict[str, Any]:
+    """Return the class of a tip and its numbers, or the tip within it."""
+    parts = {
+        name: _numbers_of(part) if isinstance(part, Tip) else part
+        for name, part in vars(tip).items()
+    }
+    return {"shape": type(tip).__name__, **parts}
+
+
+def _tip_of(numbers: dict[str, Any]) -> Any:
+    """Return the tip of a class and its numbers."""
+    shapes = Cone, ElasticTip, FlatPunch, Paraboloid, Pyramid, Sphere, SphereOnPlate, TwoSpheres
+    shape = {shape.__name__: shape for shape in shapes}[numbers.pop("shape")]
+    parts = {
+        name: _tip_of(part) if isinstance(part, dict) else part for name, part in numbers.items()
+    }
+    return shape(**parts)
 
 
 def write_table(

@@ -12,7 +12,7 @@ from jaxstab.lab import curve_search
 from jaxstab.lab.curve_bins import Bins
 from jaxstab.lab.fit import FitErrors, ForceCurveFit
 from jaxstab.lab.force_curves.force_curve import curve_to_fit
-from jaxstab.lab.tips import FlatPunch, Tip
+from jaxstab.lab.tips import ElasticTip, FlatPunch, SphereOnPlate, Tip
 
 Part = Literal["approach", "retraction"]
 
@@ -45,13 +45,15 @@ def fit_curve(
 
     Arguments:
         curve: the curve, with a spring constant; one that is not corrected is.
-        tip: a `Sphere`, `Paraboloid`, `Cone`, `Pyramid` or `FlatPunch`.
+        tip: a `Sphere`, `Paraboloid`, `Cone`, `Pyramid` or `FlatPunch`; `TwoSpheres` or
+            `SphereOnPlate` for a sample that is a sphere, `ElasticTip` for an elastic tip.
         poisson_ratio: nu of the sample.
         segment: "approach" or "retraction".
 
     Raises:
         ValueError: for Poisson's ratio outside of (-1, 0.5], another segment or one that the curve
-            lacks, no spring constant, and a curve that cannot be corrected.
+            lacks, no spring constant, a curve that cannot be corrected, an attraction of a sphere
+            on a plate, and a contact that is stiffer than an elastic tip allows.
         TypeError: for something that is no force curve or no tip.
 
     Warns:
@@ -67,6 +69,11 @@ def fit_curve(
     curve = curve_to_fit(curve, segment)
     data = Bins.of(curve.in_units("m", "N"), segment)
     fit = curve_search.without_adhesion(data, tip)
+    if data.attract and isinstance(tip, SphereOnPlate):
+        raise ValueError(
+            f"The {segment} shows an attraction, and a sphere on a plate is fitted without: fit a "
+            "segment without attraction, or TwoSpheres if the plate holds the sphere."
+        )
     if data.attract and not (segment == "approach" and isinstance(tip, FlatPunch)):
         fit = curve_search.better(fit, curve_search.with_adhesion(data, tip))
     return _finished(curve, fit, poisson_ratio, segment)
@@ -81,7 +88,17 @@ def _finished(
     model, found, errors = fit
     data = model.data
     values = model.values(found.x)
-    per_plane = 1 - poisson_ratio**2
+    # 1 / E* = (1 - nu^2) / E + (1 - nu_t^2) / E_t.
+    compliance = 1 / float(values[0])
+    if isinstance(model.tip, ElasticTip):
+        compliance -= model.tip.compliance
+        if compliance <= 0:
+            raise ValueError(
+                f"The contact is stiffer, E* = {values[0]:.3g} Pa, than the tip on a rigid sample, "
+                f"{1 / model.tip.compliance:.3g} Pa: give a tip of a larger modulus."
+            )
+    modulus = (1 - poisson_ratio**2) / compliance
+    modulus_error = modulus * float(errors[0]) / (float(values[0]) ** 2 * compliance)
     work, work_error = 0.0, np.nan
     if model.is_sticky:
         work, work_error = float(values[5]), float(errors[5])
@@ -116,12 +133,12 @@ def _finished(
     elif not is_described:
         result = js.RESULTS.misfit
     finished = ForceCurveFit(
-        youngs_modulus=float(values[0]) * per_plane,
+        youngs_modulus=modulus,
         work_of_adhesion=work,
         range=length,
         contact_point=float(values[1]),
         errors=FitErrors(
-            youngs_modulus=float(errors[0]) * per_plane,
+            youngs_modulus=modulus_error,
             work_of_adhesion=work_error,
             range=length_error,
             contact_point=float(errors[1]),

@@ -219,7 +219,7 @@ def _parts(
 def _pull_off(fit: ForceCurveFit) -> float:
     """Return the largest attraction of the fitted contact, which an approach need not show [N]."""
     assert isinstance(fit.tip, Tip)
-    modulus = fit.youngs_modulus / (1 - fit.poisson_ratio**2)
     depth = fit.contact_point - float(np.nanmin(fit.tip_positions)) / own_units(fit.curve)[0]
-    branch = dugdale.with_adhesion(fit.tip, modulus, fit.work_of_adhesion, fit.range, depth, 0.0)
+    law = fit.contact_modulus, fit.work_of_adhesion, fit.range
+    branch = dugdale.with_adhesion(fit.tip, *law, depth, 0.0)
     return -float(np.min(branch.force))

@@ -25,7 +25,7 @@ _PYRAMIDS = {3: 0.8887, 4: 0.7453}
 
 
 class Tip(ABC):
-    """An axisymmetric rigid tip."""
+    """An axisymmetric tip."""
 
     @abstractmethod
     def shape(self, radii: np.ndarray) -> np.ndarray:
@@ -64,6 +64,124 @@ class Paraboloid(Tip):
     def penetration(self, radii: np.ndarray) -> np.ndarray:
         """Return D(a) [m]."""
         return radii**2 / self.radius
+
+
+@dataclass(frozen=True)
+class TwoSpheres(Tip):
+    """Two spheres, of the tip and of the sample: a paraboloid of 1 / R = 1 / R_tip + 1 / R_sample.
+
+    The sample is held where it does not deform, as a sphere that is glued or half embedded. The
+    modulus of the fit is that of the sample; `ElasticTip` makes the tip elastic too.
+
+    Arguments:
+        tip_radius: R_tip, infinity for a flat plate [m].
+        sample_radius: R_sample [m].
+
+    Raises:
+        ValueError: for a radius that is not between 0.1 nm and 0.1 m, but for a plate.
+    """
+
+    tip_radius: float
+    sample_radius: float
+
+    def __post_init__(self) -> None:
+        _require_radius(self.sample_radius)
+        if self.tip_radius != np.inf:
+            _require_radius(self.tip_radius)
+
+    @property
+    def radius(self) -> float:
+        """The radius R of the paraboloid [m]."""
+        return 1 / (1 / self.tip_radius + 1 / self.sample_radius)
+
+    def shape(self, radii: np.ndarray) -> np.ndarray:
+        """Return the distance of the undeformed surfaces [m]."""
+        return radii**2 / (2 * self.radius)
+
+    def penetration(self, radii: np.ndarray) -> np.ndarray:
+        """Return D(a) [m]."""
+        return radii**2 / self.radius
+
+
+@dataclass(frozen=True)
+class SphereOnPlate(TwoSpheres):
+    """A soft sphere that lies on a rigid plate and is pressed by a tip, without adhesion.
+
+    The sphere deforms at both contacts under the same force F = 4 / 3 E* sqrt(R_i) d_i^(3/2), so
+    that the sum of both depths is that of one paraboloid, R^(-1/3) = (1 / R_tip + 1 /
+    R_sample)^(1/3) + R_sample^(-1/3) (M. Glaubitz et al., Soft Matter 10, 6732 (2014)).
+
+    Arguments:
+        tip_radius: R_tip, infinity for a flat plate [m].
+        sample_radius: R_sample [m].
+
+    Raises:
+        ValueError: for a radius that is not between 0.1 nm and 0.1 m, but for a plate.
+    """
+
+    @property
+    def radius(self) -> float:
+        """The radius R of the paraboloid [m]."""
+        return (np.cbrt(1 / super().radius) + np.cbrt(1 / self.sample_radius)) ** -3
+
+
+@dataclass(frozen=True)
+class ElasticTip(Tip):
+    """A tip of another shape that is elastic itself: 1 / E* = (1 - nu^2) / E + (1 - nu_t^2) / E_t.
+
+    Both bodies are half spaces as far as their deformation goes. The modulus of the fit is that of
+    the sample, E.
+
+    Arguments:
+        tip: its shape; a flat punch is rigid.
+        youngs_modulus: E_t of the tip [Pa].
+        poisson_ratio: nu_t of the tip.
+
+    Raises:
+        TypeError: for another shape.
+        ValueError: for a modulus that is not positive, Poisson's ratio outside of (-1, 0.5], and
+            a sphere on a plate, whose other contact has no tip.
+    """
+
+    tip: Tip
+    youngs_modulus: float
+    poisson_ratio: float
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.tip, Tip) or isinstance(self.tip, ElasticTip):
+            raise TypeError(
+                f"The shape is {self.tip!r}: give a Sphere, Paraboloid, Cone, Pyramid or "
+                "TwoSpheres of jaxstab.lab."
+            )
+        if isinstance(self.tip, SphereOnPlate):
+            raise ValueError(
+                "A sphere on a plate has one contact with the tip and one without: the tip must be "
+                "rigid. Give TwoSpheres for a sphere that is held otherwise."
+            )
+        if not self.youngs_modulus > 0:
+            raise ValueError(f"The modulus of the tip is {self.youngs_modulus} Pa: give E > 0.")
+        if not -1 < self.poisson_ratio <= 0.5:
+            raise ValueError(
+                f"Poisson's ratio of the tip is {self.poisson_ratio}: it lies in (-1, 0.5]."
+            )
+
+    @property
+    def compliance(self) -> float:
+        """(1 - nu_t^2) / E_t [1/Pa]."""
+        return (1 - self.poisson_ratio**2) / self.youngs_modulus
+
+    def shape(self, radii: np.ndarray) -> np.ndarray:
+        """Return f(r) [m]."""
+        return self.tip.shape(radii)
+
+    def penetration(self, radii: np.ndarray) -> np.ndarray:
+        """Return D(a) [m]."""
+        return self.tip.penetration(radii)
+
+    @property
+    def largest_radius(self) -> float:
+        """The largest radius of a contact [m]."""
+        return self.tip.largest_radius
 
 
 @dataclass(frozen=True)

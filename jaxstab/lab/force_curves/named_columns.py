@@ -274,6 +274,12 @@ def _table(
         rows.append((number, cells))
     if not rows:
         raise ValueError("it has names of columns, and no values.")
+    if separator == "," and _may_be_halves([cells for _, cells in rows], columns):
+        raise ValueError(
+            "all of its values are whole, and as many columns are not read as are: these may be "
+            f"the decimals of numbers with commas. {_COMMAS} Otherwise leave out the columns that "
+            "are not read."
+        )
     table = {}
     for place, column in enumerate(columns):
         cells = [(number, row[place].strip()) for number, row in rows]
@@ -283,6 +289,17 @@ def _table(
             has_commas = separator != ","
             table[column.kind] = np.array([_number(*c, column.title, has_commas) for c in cells])
     return table
+
+
+def _may_be_halves(rows: list[list[str]], columns: list[_Column]) -> bool:
+    """Whether numbers with decimal commas, of the columns with a unit, would make the same rows."""
+    with_unit = sum(column.kind in _KINDS for column in columns)
+    is_split = any(not column.kind for column in columns) and len(columns) == 2 * with_unit
+    return is_split and all(
+        re.fullmatch(r"\s*[-+]?\d+\s*", whole) and re.fullmatch(r"\d+\s*", decimals)
+        for cells in rows
+        for whole, decimals in zip(cells[::2], cells[1::2], strict=True)
+    )
 
 
 def _number(line: int, cell: str, title: str, has_commas: bool) -> float:

@@ -10,6 +10,8 @@ from jaxstab.lab.force_curves.curves import ForceCurves, all_of
 from jaxstab.lab.force_curves.force_curve import ForceCurve, ForceCurveWarning
 from jaxstab.lab.force_curves.instruments import read_instrument
 from jaxstab.lab.force_curves.named_columns import is_named_table, read_named_columns
+from jaxstab.lab.force_curves.nanoscope import BINARY, is_nanoscope_text, read_nanoscope_text
+from jaxstab.lab.force_curves.nanosurf import SUFFIXES, read_nanosurf
 from jaxstab.surfaces import text_of
 
 _TABLES = (".csv", ".tsv", ".dat")
@@ -25,6 +27,10 @@ def read(
 
     Files of instruments (JPK, Asylum, NT-MDT, AFM Workshop, Optics11; HDF5 and tab of afmformats)
     are read by the package afmformats, from the extra `afm`.
+
+    Files of Nanosurf (`.nid`) are read by the maker's package NSFopen, from the same extra. Curves
+    of Bruker's NanoScope are read from text that its programs have exported, with columns such as
+    `Calc_Ramp_Ex_nm` and `Defl_pN_Rt`.
 
     Text, in UTF-8, UTF-16 or Latin-1, has a line that names its columns with units, as
     `height [nm],force [nN]`, and a line for each point; commas, semicolons, tabs or blanks separate
@@ -103,7 +109,16 @@ def _of_file(
         raise ValueError("the file is empty.")
     text = text_of(content)
     shape = None
-    if text is not None and _is_table(path, text):
+    if path.suffix.lower() in SUFFIXES:
+        recordings = read_nanosurf(path, spring_constant)
+    elif text is not None and is_nanoscope_text(text):
+        recordings = [read_nanoscope_text(text, path.name, spring_constant, sensitivity)]
+    elif content.startswith(BINARY):
+        raise ValueError(
+            "it is a file of NanoScope, which is not read: export the curve as text, with ramp and "
+            "deflection of extension and retraction as columns."
+        )
+    elif text is not None and _is_table(path, text):
         recordings = read_named_columns(text, path.name, spring_constant, sensitivity)
     else:
         recordings, shape = read_instrument(

@@ -485,3 +485,53 @@ def test_reading_is_silent(tmp_path):
         warnings.simplefilter("always")
         read(tmp_path, table())
     assert caught == []
+
+
+@pytest.mark.parametrize("encoding", ["utf-8-sig", "utf-16", "utf-16-le", "latin-1", "mac_roman"])
+def test_a_unit_in_any_common_encoding(tmp_path, encoding):
+    path = tmp_path / "curve.csv"
+    lines = [f"{5 - 0.1 * i:.2f},{max(0, i - 20) * 0.3:.2f}" for i in range(60)]
+    path.write_bytes("\n".join(["height [µm],force [nN]", *lines]).encode(encoding))
+    height = js.lab.force_curves.read(path).approach.height
+    np.testing.assert_allclose(height, np.linspace(5e-6, -0.9e-6, 60))
+
+
+@pytest.mark.parametrize("encoding", ["cp437", "utf-8 twice"])
+def test_a_unit_that_cannot_be_decoded_is_refused(tmp_path, encoding):
+    path = tmp_path / "curve.csv"
+    text = "height [µm],force [nN]\n1,2\n2,3\n3,4"
+    content = text.encode("cp437") if encoding == "cp437" else text.encode().decode("latin-1")
+    path.write_bytes(content if isinstance(content, bytes) else content.encode())
+    with pytest.raises(ValueError, match=r"has the unit .*name a length"):
+        js.lab.force_curves.read(path)
+
+
+def test_numbers_that_may_be_halves_of_numbers_are_refused(tmp_path):
+    path = tmp_path / "curve.csv"
+    rows = [f"{60 - i},{i % 10},{i // 4},{i % 7}" for i in range(60)]
+    path.write_text("\n".join(["height [nm],force [nN],note,operator", *rows]))
+    with pytest.raises(ValueError, match="may be the decimals of numbers"):
+        js.lab.force_curves.read(path)
+    # Words are no decimals, and points no whole numbers.
+    for others in (",a,b", ".5,1,2"):
+        words = [f"{60 - i},{i // 4}{others}" for i in range(60)]
+        path.write_text("\n".join(["height [nm],force [nN],note,operator", *words]))
+        assert len(js.lab.force_curves.read(path).approach) == 60
+
+
+def test_a_map_with_pauses_of_several_lengths(tmp_path):
+    path = tmp_path / "map.csv"
+    lines = ["height [nm],force [nN],time [s],segment,curve"]
+    for curve, pause in (("0", 5), ("1", 9)):
+        moves = [("approach", 60 - np.arange(60)), ("pause", np.full(pause, 0.0))]
+        time = 0.0
+        for name, heights in [*moves, ("retraction", np.arange(1, 61))]:
+            for height in heights:
+                lines.append(f"{height},{max(0, 10 - height) * 0.5},{time:.2f},{name},{curve}")
+                time += 0.01
+    path.write_text("\n".join(lines))
+    curves = js.lab.force_curves.read(path, spring_constant=0.5)
+    assert [len(curve.pauses[0]) for curve in curves] == [5, 9]
+    joined = curves.to_dataset()
+    assert joined.sizes["pause_1_point"] == 9
+    assert int(np.isnan(joined.pause_1_force[0]).sum()) == 4
