@@ -22,33 +22,34 @@ _NAMED_ONLY = re.compile(r"custom_\w+\[|callback")
 
 
 def as_pytree(
-    name: str, function: Callable[..., Array], argument: jax.ShapeDtypeStruct, cure: str
+    name: str, function: Callable[..., Array], cure: str, *arguments: jax.ShapeDtypeStruct
 ) -> Callable[..., Array]:
-    """Convert a `function` of one array to a pytree of arrays; an Equinox module of arrays is kept.
+    """Convert a function of arrays of one shape to a pytree; an Equinox module of arrays is kept.
 
     The arrays that a bare function closes over, traced ones too, become leaves.
 
     Raises:
         TypeError: if the function needs the value of its argument.
         ValueError: with the `cure`, if it does not return one real array, a scalar or of the
-            argument's shape.
+            arguments' shape.
     """
     try:
-        closed, value = _trace(function, argument)
+        closed, value = _trace(function, arguments)
     except _NEEDS_A_VALUE:
         raise TypeError(
             f"{name} needs the value of its argument, which is not known while JAX traces it: "
             "write it with jax.numpy in place of NumPy and math, and jnp.where in place of `if`."
         ) from None
-    has_shape = getattr(value, "shape", None) in ((), argument.shape)
+    has_shape = getattr(value, "shape", None) in ((), arguments[0].shape)
     if not (has_shape and jnp.issubdtype(value.dtype, jnp.floating)):
-        given, found = (eqx.tree_pformat(x, struct_as_array=True) for x in (argument, value))
+        shown = [eqx.tree_pformat(x, struct_as_array=True) for x in (*arguments, value)]
+        given, found = ", ".join(shown[:-1]), shown[-1]
         raise ValueError(f"{name} maps {given} to {found}: {cure}")
     are_arrays = all(map(eqx.is_array_like, jax.tree.leaves(function)))
     if are_arrays and issubclass(type(function), eqx.Module):
         return function
     captured = list(map(jnp.asarray, closed.consts))
-    return BareFunction(captured, Formula(function, argument, closed.jaxpr))
+    return BareFunction(captured, Formula(function, arguments, closed.jaxpr))
 
 
 @dataclass(frozen=True)
@@ -61,7 +62,7 @@ class Formula:
     """
 
     function: Callable[..., Array] = field(compare=False)
-    argument: jax.ShapeDtypeStruct = field(compare=False)
+    arguments: tuple[jax.ShapeDtypeStruct, ...] = field(compare=False)
     jaxpr: Jaxpr = field(compare=False)
     key: tuple[int | None, str | Jaxpr] = field(init=False)
 
@@ -78,7 +79,7 @@ class Formula:
 
     def __reduce__(self) -> tuple[object, ...]:
         # A jaxpr cannot be pickled; the function is pickled, or imported by its name.
-        return _formula, (self.function, self.argument)
+        return _formula, (self.function, self.arguments)
 
 
 class BareFunction(eqx.Module):
@@ -90,22 +91,25 @@ class BareFunction(eqx.Module):
     def __repr__(self) -> str:
         return getattr(self.formula.function, "__name__", repr(self.formula.function))
 
-    def __call__(self, argument: Array) -> Array:
-        """Evaluate the function in the precision it was traced in; return the argument's."""
+    def __call__(self, *arguments: Array) -> Array:
+        """Evaluate the function in the precision it was traced in; return the arguments'."""
         jaxpr = self.formula.jaxpr
         avals: list[PyTree] = [variable.aval for variable in (*jaxpr.constvars, *jaxpr.invars)]
-        inputs = zip([*self.captured, argument], avals, strict=True)
-        *constants, value = (jnp.asarray(x, aval.dtype) for x, aval in inputs)
-        (result,) = jaxpr_as_fun(ClosedJaxpr(jaxpr, constants))(value)
-        return jnp.asarray(result, jnp.result_type(argument))
+        inputs = zip([*self.captured, *arguments], avals, strict=True)
+        values = [jnp.asarray(x, aval.dtype) for x, aval in inputs]
+        number = len(self.captured)
+        (result,) = jaxpr_as_fun(ClosedJaxpr(jaxpr, values[:number]))(*values[number:])
+        return jnp.asarray(result, jnp.result_type(*arguments))
 
 
 def _trace(
-    function: Callable[..., Array], argument: jax.ShapeDtypeStruct
+    function: Callable[..., Array], arguments: tuple[jax.ShapeDtypeStruct, ...]
 ) -> tuple[ClosedJaxpr, PyTree]:
     # A new lambda, because tracing is cached by the identity of the function.
-    return jax.make_jaxpr(lambda x: function(x), return_shape=True)(argument)
+    return jax.make_jaxpr(lambda *xs: function(*xs), return_shape=True)(*arguments)
 
 
-def _formula(function: Callable[..., Array], argument: jax.ShapeDtypeStruct) -> Formula:
-    return Formula(function, argument, _trace(function, argument)[0].jaxpr)
+def _formula(
+    function: Callable[..., Array], arguments: tuple[jax.ShapeDtypeStruct, ...]
+) -> Formula:
+    return Formula(function, arguments, _trace(function, arguments)[0].jaxpr)

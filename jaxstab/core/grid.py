@@ -267,6 +267,21 @@ class Grid(Mesh):
         return self.device_put(2 * jnp.pi / longest * norm)
 
     @property
+    @jax.jit
+    def wavevectors(self) -> Float[Array, " components *modes"]:
+        """Components q_x and q_y of every wave vector of `transform` [1/length]; q_y = 0 on a line.
+
+        A wave of two points along a side, which is also the one with the opposite component, has
+        one sign.
+        """
+        sides = zip(self.waves, self.lengths, strict=True)
+        components = [2 * jnp.pi / length * k.astype(length.dtype) for k, length in sides]
+        modes = jnp.broadcast_arrays(*components)
+        if len(modes) == 1:
+            modes.append(jnp.zeros_like(modes[0]))
+        return self.device_put(jnp.stack(modes))
+
+    @property
     def waves(self) -> tuple[Float[np.ndarray, "..."], ...]:
         """Number of waves k along each side of the modes of `transform`, to be broadcast."""
         *full, half = self.shape

@@ -47,7 +47,7 @@ def as_module(potential: Potential, dtype: DTypeLike) -> Potential:
     )
     argument = jax.ShapeDtypeStruct((), dtype)
     with averaged_laws() as averaged:
-        law = as_pytree("The potential", potential, argument, cure)
+        law = as_pytree("The potential", potential, cure, argument)
     if averaged and not varying_fields(law):
         raise ValueError(
             "The potential calls a law that varies over the surface, which would be its mean "

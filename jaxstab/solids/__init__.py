@@ -1,9 +1,12 @@
 """Elastic solids: their interface, and one file per kind."""
 
+from jaxstab.solids.anisotropic import Anisotropic, Indentation
 from jaxstab.solids.axisymmetric import Axisymmetric, AxisymmetricHalfSpace, AxisymmetricSolid
 from jaxstab.solids.free_half_space import FreeHalfSpace
+from jaxstab.solids.graded import Graded
 from jaxstab.solids.half_space import HalfSpace
-from jaxstab.solids.layers import CoatedHalfSpace, Layer
+from jaxstab.solids.layered import CoatedHalfSpace, Layer, Layered
+from jaxstab.solids.materials import Crystal, Film, Isotropic
 from jaxstab.solids.prony_fit import RelaxationWarning as RelaxationWarning
 from jaxstab.solids.solid import Altered as Altered
 from jaxstab.solids.solid import Solid
@@ -19,14 +22,21 @@ from jaxstab.solids.temperature_shift import (
 from jaxstab.solids.viscoelastic import Viscoelastic
 
 __all__ = [
+    "Anisotropic",
     "Arrhenius",
     "Axisymmetric",
     "AxisymmetricHalfSpace",
     "AxisymmetricSolid",
     "CoatedHalfSpace",
+    "Crystal",
+    "Film",
     "FreeHalfSpace",
+    "Graded",
     "HalfSpace",
+    "Indentation",
+    "Isotropic",
     "Layer",
+    "Layered",
     "Sheet",
     "ShiftTable",
     "Solid",

@@ -276,11 +276,13 @@ class Axisymmetric(AxisymmetricSolid):
 
     Arguments:
         rings: the disc.
-        solid: a `Layer`, `CoatedHalfSpace`, `SurfaceTension`, `Spectral` or another solid with a
-            stiffness for every wavenumber, on any grid: only its K(q) counts.
+        solid: a `Layer`, `CoatedHalfSpace`, `Layered`, `Graded`, `SurfaceTension`, `Spectral` or
+            another solid with a stiffness for every wavenumber, on any grid: only its K(q) counts.
 
     Raises:
         TypeError: for something that is not `Rings`, or a solid without such a stiffness.
+        ValueError: for a solid whose stiffness depends on the direction of a wave, such as a
+            crystal.
     """
 
     grid: Rings
@@ -291,8 +293,15 @@ class Axisymmetric(AxisymmetricSolid):
         if not isinstance(solid, SpectralSolid):
             raise TypeError(
                 f"The solid is a {type(solid).__name__}: rings need a stiffness for every "
-                "wavenumber, as Layer, CoatedHalfSpace, SurfaceTension and Spectral have. A half "
+                "wavenumber, as Layer, Layered, Graded, SurfaceTension and Spectral have. A half "
                 "space on rings is an AxisymmetricHalfSpace."
+            )
+        if not solid.is_isotropic:
+            raise ValueError(
+                f"The solid is {solid!r}, whose stiffness depends on the direction of a wave, so "
+                "that its contact with an axisymmetric tip is not axisymmetric: take a grid, or "
+                "a half space of the same indentation modulus, as in "
+                "AxisymmetricHalfSpace(rings, Anisotropic(...).indentation.modulus)."
             )
         self.solid = solid
 

@@ -41,6 +41,6 @@ class HalfSpace(SpectralSolid):
         """E* = E / (1 - nu^2) [pressure]; NaN where nu is traced and outside (-1, 0.5]."""
         return contact_modulus(self.youngs_modulus, self.poisson_ratio)
 
-    def stiffness_at(self, wavenumbers: Float[Array, " *modes"]) -> Float[Array, " *modes"]:
+    def stiffness_at(self, waves: Float[Array, " *modes"]) -> Float[Array, " *modes"]:
         """Return E* |q| / 2 [pressure/length]."""
-        return self.contact_modulus * wavenumbers / 2
+        return self.contact_modulus * waves / 2

@@ -1,5 +1,6 @@
 """Translation-invariant solids: K multiplies each Fourier mode by its stiffness."""
 
+import inspect
 from abc import abstractmethod
 from collections.abc import Callable
 from dataclasses import replace
@@ -8,6 +9,7 @@ from typing import Self
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
 from jaxstab.core import model
@@ -93,25 +95,58 @@ class Waves(Solid):
 
 
 class SpectralSolid(Solid):
-    """A translation-invariant solid, by its stiffness for every wavenumber."""
+    """A translation-invariant solid, by its stiffness for every wavenumber, or every wave vector.
+
+    K of an isotropic solid, or of one like a fibre that stands upright, depends on |q| alone. A
+    subclass whose K depends on the direction of q too overrides `is_isotropic` by False, and its
+    `stiffness_at` takes wave vectors.
+    """
 
     grid: eqx.AbstractVar[Grid]
 
     def __check_init__(self) -> None:
         require_grid(self.grid)
 
+    @property
+    def is_isotropic(self) -> bool:
+        """Whether K depends on |q| alone."""
+        return True
+
     @abstractmethod
-    def stiffness_at(self, wavenumbers: Float[Array, " *modes"]) -> Float[Array, " *modes"]:
-        """Return the multiplier K(|q|) at wavenumbers |q| > 0 [pressure/length]."""
+    def stiffness_at(self, waves: Float[Array, "..."]) -> Float[Array, " *modes"]:
+        """Return the multiplier K at waves, none of them zero [pressure/length].
+
+        Arguments:
+            waves: wavenumbers |q| of any shape; unless K `is_isotropic`, the components (q_x, q_y)
+                of wave vectors along the first axis [1/length]. K(-q) is K(q).
+        """
 
     @property
     @program
     def waves(self) -> Waves:
         """This solid by its multiplier."""
         q = self.grid.wavenumbers
-        # The second `where` keeps a formula that is singular at q = 0 out of the derivatives.
-        stiffness = self.stiffness_at(jnp.where(q > 0, q, q.ravel()[1]))
+        if self.is_isotropic:
+            # The second `where` keeps a formula that is singular at q = 0 out of the derivatives.
+            stiffness = self.stiffness_at(jnp.where(q > 0, q, q.ravel()[1]))
+        else:
+            stiffness = self._stiffness_of_wavevectors()
         return Waves.of(self.grid, jnp.where(q > 0, stiffness, self.uniform_stiffness))
+
+    def _stiffness_of_wavevectors(self) -> Float[Array, " *modes"]:
+        grid = self.grid
+        vectors = grid.wavevectors
+        first = vectors.reshape(2, -1)[:, 1].reshape(2, *(1,) * (vectors.ndim - 1))
+        stiffness = self.stiffness_at(jnp.where(grid.wavenumbers > 0, vectors, first))
+        if grid.num_dimensions == 1:
+            return stiffness
+        # A wave of two points along a side is half one vector, half its mirror image.
+        sides = zip(grid.waves, grid.shape, strict=True)
+        is_alias = np.logical_or(*(2 * abs(k) == n for k, n in sides))
+        aliases = np.nonzero(is_alias)
+        mirrored = vectors[:, *aliases] * jnp.array([[1], [-1]])
+        both = (stiffness[aliases] + self.stiffness_at(mirrored)) / 2
+        return stiffness.at[aliases].set(both)
 
     @property
     def prepared(self) -> Waves:
@@ -172,12 +207,13 @@ class SpectralSolid(Solid):
 
 
 class Spectral(SpectralSolid):
-    """A solid of any stiffness: K = function(|q|), for instance a layer on a rigid base.
+    """A solid of any stiffness: K = function(|q|) or function(q_x, q_y).
 
     Arguments:
         grid: the grid of its surface.
-        function: maps |q| > 0 [1/length] to the stiffness [pressure/length], array to array; a
-            function or an `equinox.Module`. Its value at q = 0 is never used.
+        function: maps |q| > 0 [1/length], or the two components of wave vectors, to the stiffness
+            [pressure/length], arrays to an array; a function or an `equinox.Module`. Its value at
+            q = 0 is never used; that of (-q_x, -q_y) must be the same. On a line q_y is zero.
 
     Raises:
         ValueError: if the stiffness is not one real number for each wave, positive and finite.
@@ -185,20 +221,41 @@ class Spectral(SpectralSolid):
     """
 
     grid: Grid
-    function: Callable[[Array], Array]
+    function: Callable[..., Array]
+    num_arguments: int = eqx.field(static=True, default=1)
 
-    def __init__(self, grid: Grid, function: Callable[[Array], Array]):
+    def __init__(self, grid: Grid, function: Callable[..., Array]):
         require_grid(grid)
         if not callable(function):
             raise TypeError(f"The function of the solid is {function!r}: give one of |q|.")
         self.grid = grid
+        self.num_arguments = 2 if _num_arguments(function) == 2 else 1
         wavenumbers = jax.eval_shape(lambda grid: grid.wavenumbers, grid)
-        cure = "it must return one real stiffness for each wavenumber."
-        self.function = as_pytree("The function of the solid", function, wavenumbers, cure)
+        arguments = [wavenumbers] * self.num_arguments
+        cure = "it must return one real stiffness for each wave."
+        self.function = as_pytree("The function of the solid", function, cure, *arguments)
         waves = self.waves
         for stiffness in (waves.min_stiffness, waves.max_stiffness):
             require_positive("The stiffness of a wave", stiffness)
 
-    def stiffness_at(self, wavenumbers: Float[Array, " *modes"]) -> Float[Array, " *modes"]:
-        """Return function(|q|) [pressure/length]."""
-        return self.function(wavenumbers)
+    @property
+    def is_isotropic(self) -> bool:
+        """Whether the function is one of |q|."""
+        return self.num_arguments == 1
+
+    def stiffness_at(self, waves: Float[Array, "..."]) -> Float[Array, " *modes"]:
+        """Return function(|q|) or function(q_x, q_y) [pressure/length]."""
+        if self.is_isotropic:
+            return self.function(waves)
+        return self.function(*waves)
+
+
+def _num_arguments(function: Callable[..., Array]) -> int:
+    """Return the number of arguments that a function needs."""
+    try:
+        parameters = inspect.signature(function).parameters.values()
+    except ValueError:
+        # Some functions written in C have none.
+        return 1
+    named = inspect.Parameter.POSITIONAL_ONLY, inspect.Parameter.POSITIONAL_OR_KEYWORD
+    return sum(one.kind in named and one.default is inspect.Parameter.empty for one in parameters)

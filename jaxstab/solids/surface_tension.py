@@ -2,6 +2,7 @@
 
 from typing import Annotated
 
+import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from jaxstab.core.checks import nonnegative_parameter, positive_scalar, scalar_parameter
@@ -52,13 +53,21 @@ class SurfaceTension(SpectralSolid):
         return self.solid.grid
 
     @property
+    def is_isotropic(self) -> bool:
+        """Whether K of the solid below depends on |q| alone."""
+        return self.solid.is_isotropic
+
+    @property
     def uniform_stiffness(self) -> Scalar:
         """The uniform stiffness of the solid below [pressure/length]."""
         return self.solid.uniform_stiffness
 
-    def stiffness_at(self, wavenumbers: Float[Array, " *modes"]) -> Float[Array, " *modes"]:
+    def stiffness_at(self, waves: Float[Array, "..."]) -> Float[Array, " *modes"]:
         """Return K + s q^2 [pressure/length]."""
-        return self.solid.stiffness_at(wavenumbers) + self.tension * wavenumbers**2
+        squares = waves**2
+        if not self.is_isotropic:
+            squares = jnp.sum(squares, axis=0)
+        return self.solid.stiffness_at(waves) + self.tension * squares
 
 
 class Sheet(SpectralSolid):
@@ -90,7 +99,7 @@ class Sheet(SpectralSolid):
         name = "The tension of the sheet"
         self.tension = nonnegative_parameter(scalar_parameter(tension, name), name)
 
-    def stiffness_at(self, wavenumbers: Float[Array, " *modes"]) -> Float[Array, " *modes"]:
+    def stiffness_at(self, waves: Float[Array, " *modes"]) -> Float[Array, " *modes"]:
         """Return B q^4 + T q^2 [pressure/length]."""
-        square = wavenumbers**2
+        square = waves**2
         return (self.bending_stiffness * square + self.tension) * square

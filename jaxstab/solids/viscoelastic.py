@@ -20,7 +20,7 @@ from jaxstab.core.compile import own_conventions
 from jaxstab.core.types import ArrayLike, Flag, Scalar
 from jaxstab.core.units import NUMBER, TIME
 from jaxstab.solids.half_space import HalfSpace
-from jaxstab.solids.layers import Layer
+from jaxstab.solids.layered import Layer
 from jaxstab.solids.prony_fit import (
     CREEP,
     OSCILLATION,

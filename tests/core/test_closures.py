@@ -20,7 +20,7 @@ TABLES = [np.array([1.0, 2.0, 3.0]), np.array([5.0, -1.0, 2.0])]
 
 
 def pytree(function, dtype=jnp.float64):
-    return as_pytree("f", function, jax.ShapeDtypeStruct((), dtype), "give a real scalar.")
+    return as_pytree("f", function, "give a real scalar.", jax.ShapeDtypeStruct((), dtype))
 
 
 def plain(table):

@@ -79,6 +79,21 @@ def test_a_thick_layer_is_a_half_space_and_a_thin_one_a_foundation():
     assert layer(1e-4).uniform_stiffness == 0
 
 
+def test_a_stiffness_may_depend_on_the_direction_of_a_wave():
+    grid = js.Grid((9, 6), (1.0, 3.0))
+    x, y = (2 * np.pi * x / n for x, n in zip(grid.coordinates, grid.lengths, strict=True))
+    solid = js.solids.Spectral(grid, lambda qx, qy: jnp.sqrt(qx**2 + 4 * qy**2 + qx * qy))
+    for a, b in ((1, 0), (0, 1), (2, 1), (2, -1)):
+        qx, qy = 2 * np.pi * a, 2 * np.pi * b / 3
+        wave = jnp.cos(a * x + b * y)
+        exact = np.sqrt(qx**2 + 4 * qy**2 + qx * qy) * wave
+        np.testing.assert_allclose(solid.pressure(wave), exact, atol=1e-12)
+        tense = js.solids.SurfaceTension(solid, 0.1).pressure(wave)
+        np.testing.assert_allclose(tense, exact + 0.1 * (qx**2 + qy**2) * wave, atol=1e-11)
+    with pytest.raises(ValueError, match=r"direction of a wave"):
+        js.solids.Axisymmetric(js.Rings(8, 1.0), solid)
+
+
 def test_a_stiffness_that_closes_over_a_traced_value_can_be_differentiated():
     grid = js.Grid((16,))
     wave = jnp.cos(2 * jnp.pi * grid.coordinates[0])
