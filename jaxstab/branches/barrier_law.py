@@ -39,6 +39,11 @@ class BarrierLaw(Outcome):
             the next term of its expansion and the first change of other contact points [as the
             load]; NaN in the same cases.
         load_unit: the quantity of the load, "length" or "pressure".
+
+    Example:
+        >>> path = js.follow(contact, js.MeanGap([0.3, 0.03, 0.3]), fields=True)
+        >>> [f"{jump.barrier_law.exponent:.1f}" for jump in path.jumps]
+        ['1.5', '2.0']
     """
 
     exponent: Annotated[Scalar, NUMBER]

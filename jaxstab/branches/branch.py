@@ -27,6 +27,11 @@ class Turn(Outcome):
         equilibrium: the state.
         mode: the unit vector along which the branch goes on there, at a bifurcation the other one.
         state: the number of the state after it, among the states of the branch.
+
+    Example:
+        >>> branch = js.continuation(contact, js.MeanGap([0.05, 0.3]), initial=state)
+        >>> f"{branch.turns[0].equilibrium.mean_pressure:.4f}"
+        '-0.1640'
     """
 
     load: Load
@@ -53,6 +58,11 @@ class Branch(StateSequence):
             order.
         end: a member of `ENDS`: why the branch ends there.
         result: how the search ended.
+
+    Example:
+        >>> branch = js.continuation(contact, js.MeanGap([0.05, 0.3]), initial=state)
+        >>> sorted({int(index) for index in branch.index})
+        [0, 1]
     """
 
     index: Int[Array, " states"]

@@ -47,6 +47,11 @@ class CriticalLoad(Outcome):
             that are released, and is still positive just before a release.
         after: the state that remains beyond a pull-off; otherwise None.
         result: a member of `RESULTS`: how the search ended.
+
+    Example:
+        >>> pull = js.pull_off(contact)
+        >>> pull.kind.name, pull.after.result.name
+        ('release', 'pulled_off')
     """
 
     equilibrium: Equilibrium

@@ -44,6 +44,13 @@ class FirstJump(Outcome):
         equilibrium: the state there.
         mode: the unit vector along which the branch goes on, at a bifurcation the other one.
         result: how the search ended.
+
+    Example:
+        >>> def contact_of(work):
+        ...     return js.Contact(solid, heights, js.potentials.Exponential(work, 0.06))
+        >>> onset = js.first_jump(contact_of, (0.01, 0.03), js.MeanGap([0.3, 0.05]))
+        >>> bool(onset.jumping > onset.parameter), onset.kind.name
+        (True, 'fold')
     """
 
     parameter: Annotated[Scalar, NUMBER]

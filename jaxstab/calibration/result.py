@@ -64,6 +64,13 @@ class Calibration(eqx.Module):
         results: how each of them ended.
         names: the names of the parameters, in the order of `covariance`.
         dimensions: their dimensions, as "energy/area"; "1" for those whose field declares none.
+
+    Example:
+        >>> loads = js.MeanGap(jnp.linspace(0.08, 0.2, 6))
+        >>> measured = js.sweep(contact, loads, stability=False).equilibrium.mean_pressure
+        >>> fit = js.calibrate(contact, loads, measured, where=lambda c: c.potential.surface_energy)
+        >>> fit.result.name
+        'successful'
     """
 
     contact: Contact

@@ -60,6 +60,13 @@ class Extrapolation(Comparable):
         values: of the quantity at each.
         resolutions: of the grid at each, as `contact.resolution`.
         units: the units of length and of pressure, None where unknown.
+
+    Example:
+        >>> def pressure_of(contact):
+        ...     return js.equilibrate(contact, js.MeanGap(0.05)).mean_pressure
+        >>> shorter = js.extrapolate(pressure_of, contact, to=0.05)
+        >>> bool(shorter.error > 0), len(shorter.values)
+        (True, 4)
     """
 
     value: Scalar

@@ -27,6 +27,10 @@ class History(Outcome):
     Attributes:
         table: a row for each record, NaN where unused: the step, and the indicators by name.
         names: of the indicators, in order.
+
+    Example:
+        >>> state.history.names
+        ('energy', 'residual')
     """
 
     table: Annotated[Float[Array, "records columns"], NUMBER]

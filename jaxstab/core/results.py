@@ -137,6 +137,13 @@ class SolverError(RuntimeError):
 
     Attributes:
         found: the result, as with `throw=False`.
+
+    Example:
+        >>> try:
+        ...     found = js.equilibrate(contact, js.MeanPressure(-1.0))
+        ... except js.exceptions.SolverError:
+        ...     print("no equilibrium")
+        no equilibrium
     """
 
     def __init__(self, message: str, found: PyTree = None):

@@ -84,6 +84,10 @@ class Equilibrium(PressedSurface):
             the energy of the surface over the area of one cell [energy/area].
         units: the units of length and of pressure, None where unknown.
         is_window: whether the surface is a window, pressed by a force, and not repeated.
+
+    Example:
+        >>> f"{state.gap.mean():.3f}, {state.gap.min():.1f}"
+        '0.050, 0.0'
     """
 
     load: Load

@@ -45,6 +45,12 @@ class Memory(eqx.Module):
     Attributes:
         gap: g [length].
         strains: v_k of each spring, first w, the displacement relative to the far side [length].
+
+    Example:
+        >>> rubber = js.Contact(js.Viscoelastic(solid, (1.0,), (0.1,)), heights, law)
+        >>> evolution = js.evolve(rubber, js.MeanGap([0.3, 0.05]), [0.0, 1.0])
+        >>> evolution.memory.strains.shape
+        (2, 16, 16)
     """
 
     gap: Annotated[Field, LENGTH]
@@ -98,6 +104,12 @@ class Evolution(Totals):
         largest_compression_time: when that was [time].
         num_steps: the number of steps that led to each state from the one before.
         result: a member of `RESULTS`: how each state was reached.
+
+    Example:
+        >>> contact = js.Contact(js.Viscoelastic(solid, (1.0,), (0.1,)), heights, law)
+        >>> evolution = js.evolve(contact, js.MeanGap([0.3, 0.05]), [0.0, 1.0])
+        >>> f"{evolution[-1].mean_pressure:.4f}"
+        '-0.1289'
     """
 
     contact: Contact

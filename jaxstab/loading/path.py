@@ -42,6 +42,11 @@ class Jump(Outcome):
         barrier_law: how the barrier that holds the state before grows with the distance from the
             load of the jump, and up to which distance. The energy is of second order in the mode's
             amplitude at a release, of third at a fold.
+
+    Example:
+        >>> path = js.follow(contact, js.MeanGap([0.3, 0.03, 0.3]), fields=True)
+        >>> f"{path.jumps[0].before.contact_area:.3f} {path.jumps[0].after.contact_area:.3f}"
+        '0.215 0.223'
     """
 
     load: Load
@@ -76,6 +81,11 @@ class Path(StateSequence):
         unlocated_error: the error of that quadrature, and no less than the smallest jump that is
             located; a smaller loss is not significant [energy].
         last_gap: g of the last recorded state [length].
+
+    Example:
+        >>> path = js.follow(contact, js.MeanGap([0.3, 0.03, 0.3]), fields=True)
+        >>> f"{path.dissipation:.2e}", len(path.jumps)
+        ('2.30e-06', 2)
     """
 
     jumps: Jump

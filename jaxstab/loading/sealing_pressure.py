@@ -33,6 +33,12 @@ class SealingPressure(Outcome):
         error: half the width of the bracket [pressure].
         before: the last state found with a path through it.
         after: the first state found without.
+
+    Example:
+        >>> bare = js.Contact(solid, heights, js.potentials.NoAdhesion())
+        >>> sealing = js.sealing_pressure(bare)
+        >>> bool(sealing.before.contact_area < sealing.after.contact_area)
+        True
     """
 
     pressure: Annotated[Scalar, PRESSURE]

@@ -56,6 +56,11 @@ class Sweep(Stackable, Comparable):
         load: the loads.
         equilibrium: the equilibrium at each load.
         stability: the stability of each, or None where the sweep left it out.
+
+    Example:
+        >>> sweep = js.sweep(contact, js.MeanGap([0.05, 0.1]))
+        >>> len(sweep), f"{sweep[1].equilibrium.contact_area:.3f}"
+        (2, '0.090')
     """
 
     load: Load

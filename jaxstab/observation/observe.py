@@ -41,6 +41,12 @@ class Observed(Stackable, eqx.Module):
         load: the loads.
         equilibrium: the states.
         observables: the observables by name, with their columns.
+
+    Example:
+        >>> sweep = js.sweep(contact, js.MeanGap([0.03, 0.05]))
+        >>> observed = js.observe(contact, sweep, js.patches)
+        >>> [f"{a:.3f}" for a in observed.patches.area]
+        ['0.516', '0.324']
     """
 
     load: Load

@@ -39,6 +39,9 @@ def adhesion_map(regime: AdhesionRegime, *, axes: Axes | None = None) -> Axes:
 
     Raises:
         TypeError: for anything else.
+
+    Example:
+        >>> axes = js.plots.adhesion_map(js.references.regime(1.0, 1.0, 1e-3, 1e-2))
     """
     cure = "not a regime: give a result of jaxstab.references.regime."
     require_kind(regime, AdhesionRegime, cure)

@@ -58,6 +58,11 @@ def animation(
             ending, or a time that is not positive.
         FileExistsError: if the file exists and is not to be replaced.
         ImportError: for an .mp4 without ffmpeg.
+
+    Example:
+        >>> path = js.follow(contact, js.MeanGap([0.1, 0.08]), fields=True)
+        >>> js.plots.animation(contact, path, "path.gif", seconds=1).name
+        'path.gif'
     """
     require_path(path)
     path = path.recorded

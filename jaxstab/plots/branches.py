@@ -61,6 +61,9 @@ def branch(
     Raises:
         TypeError: for something that is not a branch.
         ValueError: for a quantity that cannot be drawn, and for several branches at once.
+
+    Example:
+        >>> axes = js.plots.branch(js.continuation(contact, js.MeanGap([0.05, 0.3]), initial=state))
     """
     require_kind(branch, Branch, "not a branch: give a result of jaxstab.continuation.")
     x, y = quantities_or_default(branch, x, y)
@@ -114,6 +117,11 @@ def transition(contact: Contact, transition: Transition) -> Figure:
     Raises:
         TypeError: for something that is not a transition.
         ValueError: for several transitions at once, or one on another grid.
+
+    Example:
+        >>> load = js.MeanGap(0.0624)
+        >>> closed, open = (js.equilibrate(contact, load, initial=x) for x in (state, None))
+        >>> figure = js.plots.transition(contact, js.transition(contact, load, closed, open))
     """
     require_contact(contact)
     cure = "give a result of jaxstab.transition."

@@ -39,6 +39,12 @@ def calibration(
     Raises:
         TypeError: for anything but a fit.
         ValueError: for another quantity, and for several fits.
+
+    Example:
+        >>> loads = js.MeanGap(jnp.linspace(0.08, 0.2, 6))
+        >>> measured = js.sweep(contact, loads, stability=False).equilibrium.mean_pressure
+        >>> fit = js.calibrate(contact, loads, measured, where=lambda c: c.potential.surface_energy)
+        >>> axes = js.plots.calibration(fit)
     """
     require_kind(fit, Calibration, "no fit: give a result of jaxstab.calibrate.")
     require_one_of("quantity", quantity, _ORDINATES)

@@ -51,6 +51,9 @@ def potential(
         labels: their names, by default the names of the functions or classes.
         unit, pressure_unit: the units of length and of pressure, as in `Contact`.
         axes: the axes to draw on; new ones by default.
+
+    Example:
+        >>> axes = js.plots.potential(law, np.linspace(0.0, 0.3, 50))
     """
     label = "energy per area f(g) [energy/area]"
     units = Units.of_names(unit, pressure_unit)
@@ -66,13 +69,21 @@ def force(
     pressure_unit: str | None = None,
     axes: Axes | None = None,
 ) -> Axes:
-    """Draw the attraction f'(g) of interaction laws (Rey & Bleyer, fig. 7b), as `potential`."""
+    """Draw the attraction f'(g) of interaction laws (Rey & Bleyer, fig. 7b), as `potential`.
+
+    Example:
+        >>> axes = js.plots.force(law, np.linspace(0.0, 0.3, 50))
+    """
     units = Units.of_names(unit, pressure_unit)
     return _laws(slope, "attraction f'(g) [pressure]", laws, gaps, labels, units, axes)
 
 
 def convergence(pair: Eigenpair, *, axes: Axes | None = None) -> Axes:
-    """Draw the indicators of the eigensolver over its steps (Rey & Bleyer, fig. 5)."""
+    """Draw the indicators of the eigensolver over its steps (Rey & Bleyer, fig. 5).
+
+    Example:
+        >>> axes = js.plots.convergence(js.assess_stability(contact, state).cone)
+    """
     require_pair(pair)
     axes = axes_or_new(axes)
     for name, values in pair.history.values.items():
@@ -105,6 +116,9 @@ def stability_curve(
     Raises:
         ValueError: for a quantity that cannot be drawn, a single state, or a sweep without
             stability.
+
+    Example:
+        >>> axes = js.plots.stability_curve(js.sweep(contact, js.MeanGap([0.05, 0.1])))
     """
     require_one_of("quantity", quantity or "force", QUANTITIES)
     if not isinstance(sweep, Sweep) or len(sweep.stack_shape) != 1:
@@ -153,6 +167,9 @@ def spectrum(
     Raises:
         TypeError: for anything but spectra.
         ValueError: for a stack of spectra, a spectrum that is zero, and another number of labels.
+
+    Example:
+        >>> axes = js.plots.spectrum(js.surfaces.power_spectrum(grid, heights))
     """
     if isinstance(spectrum, PowerSpectrum):
         spectrum = [spectrum]

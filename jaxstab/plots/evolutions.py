@@ -44,6 +44,10 @@ def evolution(
         TypeError: for something that is not an evolution.
         ValueError: for a quantity that cannot be drawn, another number of labels,
             a single state or a batch, and without any state that was found.
+
+    Example:
+        >>> rubber = js.Contact(js.Viscoelastic(solid, (1.0,), (0.1,)), heights, law)
+        >>> axes = js.plots.evolution(js.evolve(rubber, js.MeanGap([0.3, 0.05]), [0.0, 1.0]))
     """
     for each in evolutions or [None]:
         require_kind(each, Evolution, "no evolution: give a result of jaxstab.evolve.")

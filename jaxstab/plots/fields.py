@@ -37,7 +37,11 @@ _BESIDE = (1.02, 0.35, 0.3, 0.3)
 
 
 def surface(contact: Contact, *, axes: Axes | None = None) -> Axes:
-    """Draw the heights h, above the datum if it is not zero: a map, or a profile on a line."""
+    """Draw the heights h, above the datum if it is not zero: a map, or a profile on a line.
+
+    Example:
+        >>> axes = js.plots.surface(contact)
+    """
     require_contact(contact)
     datum = float(contact.datum)
     # A large datum would cost their digits, and all ticks would be alike.
@@ -48,20 +52,32 @@ def surface(contact: Contact, *, axes: Axes | None = None) -> Axes:
 
 
 def gap(contact: Contact, equilibrium: State, *, axes: Axes | None = None) -> Axes:
-    """Draw the gap g: a map, or a profile on a line."""
+    """Draw the gap g: a map, or a profile on a line.
+
+    Example:
+        >>> axes = js.plots.gap(contact, state)
+    """
     equilibrium = found_equilibrium(contact, equilibrium)
     return _field(contact, equilibrium.gap, "gap g [length]", "viridis", axes)
 
 
 def pressure(contact: Contact, equilibrium: State, *, axes: Axes | None = None) -> Axes:
-    """Draw the elastic pressure p, positive in compression: a map, or a profile on a line."""
+    """Draw the elastic pressure p, positive in compression: a map, or a profile on a line.
+
+    Example:
+        >>> axes = js.plots.pressure(contact, state)
+    """
     field = found_equilibrium(contact, equilibrium).pressure
     label = "elastic pressure p [pressure]"
     return _field(contact, field, label, "RdBu_r", axes, centred=True)
 
 
 def contact_map(contact: Contact, equilibrium: State, *, axes: Axes | None = None) -> Axes:
-    """Draw where the surfaces touch, in black (Rey & Bleyer, fig. 8)."""
+    """Draw where the surfaces touch, in black (Rey & Bleyer, fig. 8).
+
+    Example:
+        >>> axes = js.plots.contact_map(contact, state)
+    """
     equilibrium = found_equilibrium(contact, equilibrium)
     axes = draw_areas(axes, contact, np.asarray(equilibrium.in_contact, int), [BLACK])
     axes.set_title(f"contact area {100 * float(equilibrium.contact_area):.1f} %")
@@ -106,6 +122,9 @@ def mode(
     Raises:
         TypeError: for anything but an eigenpair, for instance `stability.cone`.
         ValueError: for a stack of modes, or one on another grid than the contact's.
+
+    Example:
+        >>> axes = js.plots.mode(contact, js.assess_stability(contact, state).cone, state)
     """
     _require_mode(contact, pair)
     axes = draw_mode(contact, pair.mode, equilibrium, axes)
@@ -143,6 +162,9 @@ def mode_cut(
     Raises:
         TypeError: as `mode`.
         ValueError: as `mode`, on a line, which has no rows, and for a stack of states.
+
+    Example:
+        >>> axes = js.plots.mode_cut(contact, js.assess_stability(contact, state).cone, state)
     """
     if len(contact.grid.shape) != 2:
         raise ValueError("A mode on a line has no rows: draw it with jaxstab.plots.mode.")

@@ -51,6 +51,9 @@ def patches(
         equilibrium: one of its states.
         neighbours: as in `jaxstab.patches`.
         axes: the axes to draw on; new ones by default.
+
+    Example:
+        >>> axes = js.plots.patches(contact, state)
     """
     found = observables.patches(contact, equilibrium, neighbours=neighbours)
     labels = np.asarray(found.labels)
@@ -89,6 +92,10 @@ def flow(
         TypeError: for anything but a leakage.
         ValueError: for a stack, a leakage without fields or on another grid, and a side that does
             not exist.
+
+    Example:
+        >>> open = js.equilibrate(contact, js.MeanGap(0.1))
+        >>> axes = js.plots.flow(contact, js.leakage(contact, open), open)
     """
     require_contact(contact)
     require_kind(leakage, Leakage, "no leakage: give a result of jaxstab.leakage.")
@@ -164,6 +171,10 @@ def observed(
     Raises:
         TypeError: for something else than observables.
         ValueError: for a column or a quantity that is not there.
+
+    Example:
+        >>> sweep = js.sweep(contact, js.MeanGap([0.03, 0.05]))
+        >>> axes = js.plots.observed(js.observe(contact, sweep, js.patches), "patches.number")
     """
     require_kind(observed, Observed, "no observables: give the result of jaxstab.observe.")
     results = observed.observables
@@ -220,6 +231,9 @@ def distribution(
 
     Raises:
         ValueError: for another quantity, and less than one bin.
+
+    Example:
+        >>> axes = js.plots.distribution(contact, state)
     """
     equilibrium = found_equilibrium(contact, equilibrium)
     require_one_of("quantity", quantity, ["pressure", "gap"])

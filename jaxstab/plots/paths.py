@@ -71,6 +71,9 @@ def path(
     Raises:
         TypeError: for something that is not a path.
         ValueError: for a quantity that cannot be drawn, and for several paths at once.
+
+    Example:
+        >>> axes = js.plots.path(js.follow(contact, js.MeanGap([0.3, 0.03, 0.3])))
     """
     require_path(path)
     path = path.recorded

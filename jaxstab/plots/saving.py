@@ -66,6 +66,10 @@ def save(
         TypeError: for anything but a figure or axes.
         ValueError: for an invalid width, and an ending that Matplotlib does not know.
         FileExistsError: if the file exists and is not to be replaced.
+
+    Example:
+        >>> js.plots.save(js.plots.gap(contact, state), "gap.png").name
+        'gap.png'
     """
     require_kind(figure, Figure | Axes, "no figure: give a figure, or axes of one.")
     whole: Any = figure.figure.figure

@@ -37,6 +37,9 @@ def summary(contact: Contact, equilibrium: State, stability: Stability | None = 
     Raises:
         TypeError: for something that is not a state, or a stability that is not one.
         ValueError: for a stack, a state without its stability, or one on another grid.
+
+    Example:
+        >>> figure = js.plots.summary(contact, state, js.assess_stability(contact, state))
     """
     state = found_equilibrium(contact, equilibrium)
     known = stability

@@ -67,6 +67,11 @@ class TaylorTest:
         noise: the size of rounding, or of other jumps of the function from step to step.
         success: whether the derivative is right to within the noise.
         message: the likely cause of a failure, else an empty text.
+
+    Example:
+        >>> test = js.check_derivative(lambda gap: law(gap), 0.1)
+        >>> [f"{rate:.0f}" for rate in test.rates]
+        ['1', '2']
     """
 
     steps: np.ndarray

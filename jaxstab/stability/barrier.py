@@ -29,6 +29,11 @@ class Barrier(Outcome):
     Attributes:
         height: (mu.x)^2 / (2 |lambda|) over the surface, where E is largest [energy].
         amplitude: t = mu.x / |lambda|, in units of the mode of unit norm [length].
+
+    Example:
+        >>> barrier = js.assess_stability(contact, state).barrier
+        >>> f"{barrier.height:.5f}, {barrier.amplitude:.3f}"
+        '0.00124, 0.528'
     """
 
     height: Annotated[Scalar, ENERGY]

@@ -64,6 +64,11 @@ class Eigenpair(Outcome):
             transforms each.
         result: a member of `RESULTS`: how the solver ended.
         history: the indicators of the solver as it went, "residual" and others.
+
+    Example:
+        >>> pair = js.assess_stability(contact, state).critical
+        >>> f"{pair.eigenvalue:.3f}", bool(pair.proved)
+        ('1.282', True)
     """
 
     eigenvalue: Annotated[Scalar, STIFFNESS]

@@ -74,6 +74,11 @@ class Stability(Outcome):
         angular: on rings, the lowest mode of each order m = 1, 2, ... that was asked for; the three
             eigenvalues are of order zero. None where no order was.
         units: the units of length and of pressure, None where unknown.
+
+    Example:
+        >>> stability = js.assess_stability(contact, state)
+        >>> bool(stability.lower_bound.eigenvalue <= stability.cone.eigenvalue)
+        True
     """
 
     lower_bound: Eigenpair

@@ -4,7 +4,12 @@ from jaxstab.core.enumeration import Enumeration, member
 
 
 class KINDS(Enumeration):
-    """The events on a branch, at which a stable branch ends or the load turns back."""
+    """The events on a branch, at which a stable branch ends or the load turns back.
+
+    Example:
+        >>> js.results.KINDS["release"].partition(":")[0]
+        'release'
+    """
 
     fold = member("the smallest eigenvalue on the free points vanishes")
     release = member("the reaction of a contact point vanishes, and opening lowers the energy")
@@ -17,7 +22,12 @@ class KINDS(Enumeration):
 
 
 class ENDS(Enumeration):
-    """The places where a continuation ends."""
+    """The places where a continuation ends.
+
+    Example:
+        >>> js.results.ENDS["loop"].partition(":")[0]
+        'loop'
+    """
 
     load = member("at the second load")
     loop = member("at a state that it has passed before: it is a closed loop")

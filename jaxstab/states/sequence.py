@@ -49,6 +49,11 @@ class States(PressedSurface):
         gap: g, None without `fields` [length].
         units: the units of length and of pressure, None where unknown.
         is_window: whether the surface is a window, pressed by a force, and not repeated.
+
+    Example:
+        >>> path = js.follow(contact, js.MeanGap([0.3, 0.03, 0.3]), fields=True)
+        >>> f"{path.equilibrium.contact_area.max():.3f}"
+        '0.516'
     """
 
     mean_gap: Annotated[Float[Array, "*states"], LENGTH]
@@ -82,6 +87,11 @@ class PathState(Outcome):
     Attributes:
         load: its load.
         equilibrium: the state.
+
+    Example:
+        >>> path = js.follow(contact, js.MeanGap([0.3, 0.03, 0.3]), fields=True)
+        >>> f"{path[-1].load.value:.1f}"
+        '0.3'
     """
 
     load: Load

@@ -63,6 +63,12 @@ class Detachment(Outcome):
         thermal_energy: kT [energy].
         attempt_rate: nu [1/time].
         rate: r, how fast the tension grows [pressure/time]; None if it is held.
+
+    Example:
+        >>> load = js.MeanPressure(-0.15)
+        >>> life = js.detachment(contact, load, thermal_energy=1e-4, attempt_rate=1e6)
+        >>> f"{life.pull_off.mean_pressure:.4f}"
+        '-0.1770'
     """
 
     mean_life: Annotated[Scalar, TIME]

@@ -49,6 +49,13 @@ class Transition(Outcome):
             end, of states along the branch from the start to the saddle.
         energies: of the images and of the load, minus the energy of the start [energy].
         result: how the search ended.
+
+    Example:
+        >>> load = js.MeanGap(0.0624)
+        >>> closed, open = (js.equilibrate(contact, load, initial=x) for x in (state, None))
+        >>> way = js.transition(contact, load, closed, open)
+        >>> bool(abs(way.there - way.back - (way.end.energy - way.start.energy)) < 1e-12)
+        True
     """
 
     there: Annotated[Scalar, ENERGY]

@@ -159,6 +159,7 @@ def test_a_spheres_unstable_branch_is_that_of_maugis():
         np.testing.assert_allclose(branch.equilibrium.force[nearest], exact, rtol=2e-2)
 
 
+@pytest.mark.nightly
 def test_in_single_precision_it_goes_on_where_rounding_outweighs_the_attraction():
     grid = js.Grid(16)
     heights = js.surfaces.self_affine(grid, jax.random.key(0), k_high=4, rms_height=0.05)

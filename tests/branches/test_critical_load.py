@@ -112,6 +112,7 @@ def test_its_derivatives_agree_with_finite_differences(i):
     np.testing.assert_allclose(reverse[i], rates["load"], rtol=1e-9)
 
 
+@pytest.mark.nightly
 def test_its_second_derivatives_are_differences_of_first_ones():
     rates = jax.grad(lambda values: find(values).load.value)
     found = jax.grad(lambda values: rates(values)[1])(VALUES)

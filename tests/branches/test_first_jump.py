@@ -37,6 +37,7 @@ def test_flat_surfaces_on_a_spring_jump_once_the_law_is_steeper_than_the_spring(
     assert js.assess_stability(gaussian(found.jumping), found).cone.eigenvalue < 1e-6
 
 
+@pytest.mark.nightly
 def test_electrodes_on_a_spring_are_pulled_in_from_the_voltage_of_a_closed_form():
     # The steepest attraction is where they touch: eps V^2 / d^3.
     exact = np.sqrt(MACHINE * 0.1**3 / 2)

@@ -14,8 +14,11 @@ from printed import differences, words
 import jaxstab as js
 
 DOCS = Path(__file__).parents[2] / "docs"
-# Names whose examples compile for more than ten seconds.
-SLOW = "detachment", "first_jump"
+# Searches compile for seconds, and are tested daily in their own rooms.
+SEARCHES = re.compile(
+    r"js\.(calibrate|continuation|critical_load|detachment|easiest_exit|evolve|first_jump|follow"
+    r"|lifetime|pull_off|transition)\b"
+)
 
 
 def everything():
@@ -29,7 +32,7 @@ def everything():
 
 PUBLIC = everything()
 EXAMPLES = [
-    pytest.param(name, marks=[pytest.mark.nightly] * (name in SLOW))
+    pytest.param(name, marks=[pytest.mark.nightly] * bool(SEARCHES.search(item.__doc__)))
     for name, item in PUBLIC.items()
     if ">>>" in (item.__doc__ or "")
 ]

@@ -47,6 +47,10 @@ class Conductance(Observable):
             [force/length]; on a line [pressure].
         current: the fraction of the current that flows through each point, its sum 1; None along
             a path.
+
+    Example:
+        >>> f"{js.conductance(contact, state).incremental_stiffness:.2f}"
+        '4.98'
     """
 
     shown: ClassVar[tuple[str, ...]] = ("conductance",)

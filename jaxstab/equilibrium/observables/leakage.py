@@ -35,6 +35,11 @@ class Leakage(Observable):
             drop per length [length]; NaN where nothing flows through.
         flux: for each such side and each side of the grid, the flux per length through the face to
             the next point, times the viscosity, over the mean drop per length [length^3].
+
+    Example:
+        >>> open = js.equilibrate(contact, js.MeanGap(0.1))
+        >>> js.leakage(contact, open).permeability.shape
+        (2, 2)
     """
 
     shown: ClassVar[tuple[str, ...]] = ("permeability",)

@@ -22,6 +22,15 @@ class Observable(Outcome):
     Attributes:
         shown: the columns that a printed table has, by default all.
         units: the units of length and of pressure, None where unknown.
+
+    Example:
+        >>> from typing import Annotated
+        >>> class Depth(js.results.Observable):
+        ...     depth: Annotated[jax.Array, js.Dimension("length")]
+        >>> def depth(contact, state):
+        ...     return Depth(jnp.max(state.gap), units=contact.units)
+        >>> f"{depth(contact, state).depth:.2f}"
+        '0.21'
     """
 
     shown: ClassVar[tuple[str, ...]] = ()

@@ -40,6 +40,11 @@ class Patches(Observable):
         largest: the area of the largest patch, zero without contact [length^2].
         perimeter: the length of the whole interface, along the sides of points [length].
         labels: the patch of each point, from 1 on; 0 out of contact.
+
+    Example:
+        >>> patches = js.patches(contact, state)
+        >>> f"{patches.areas.sum():.3f}", [bool(x) for x in patches.percolates]
+        ('0.324', [True, False])
     """
 
     shown: ClassVar[tuple[str, ...]] = ("number", "true_area")
