@@ -24,7 +24,17 @@ _is_said = ContextVar("is_said", default=False)
 
 
 class ResolutionWarning(UserWarning):
-    """The grid is too coarse for the adhesion."""
+    """The grid is too coarse for the adhesion.
+
+    Example:
+        >>> import warnings
+        >>> short = js.potentials.Exponential(0.03, 0.01)
+        >>> with warnings.catch_warnings(record=True) as caught:
+        ...     warnings.simplefilter("always")
+        ...     found = js.equilibrate(js.Contact(solid, heights, short), js.MeanGap(0.05))
+        >>> caught[0].category.__name__
+        'ResolutionWarning'
+    """
 
 
 # The resolution that a state needs, and a jump, where pinning shows in full.

@@ -38,6 +38,14 @@ class ContactPoints:
         points: the tip position at contact by the name of each method, NaN for one that finds
             none, from the zero of `curve` [m].
         curve: the corrected curve, in its own units.
+
+    Example:
+        >>> height = np.linspace(2e-6, -1e-6, 400)
+        >>> force = 0.01 * np.maximum(-height, 0) ** 1.5
+        >>> approach = js.lab.force_curves.Segment(force, height)
+        >>> curve = js.lab.force_curves.ForceCurve(approach, None, spring_constant=1.0)
+        >>> len(js.lab.contact_points(curve).points)
+        4
     """
 
     points: Mapping[str, float]
@@ -151,6 +159,15 @@ def contact_points(
         ValueError: without an approach or a spring constant, for a curve that cannot be corrected,
             and for a fit to another curve or to the retraction.
         TypeError: for something that is no force curve.
+
+    Example:
+        >>> height = np.linspace(2e-6, -1e-6, 400)
+        >>> force = 0.01 * np.maximum(-height, 0) ** 1.5
+        >>> approach = js.lab.force_curves.Segment(force, height)
+        >>> curve = js.lab.force_curves.ForceCurve(approach, None, spring_constant=1.0)
+        >>> points = js.lab.contact_points(curve)
+        >>> sorted(points.points)
+        ['deviation_from_baseline', 'line_and_line', 'line_and_polynomial', 'ratio_of_variances']
     """
     if not isinstance(curve, js.lab.force_curves.ForceCurve):
         raise TypeError(f"The curve is a {type(curve).__name__}: give one ForceCurve.")

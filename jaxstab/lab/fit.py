@@ -79,6 +79,15 @@ class ForceCurveFit:
         poisson_ratio: nu.
         forces: the fitted force at each point of the segment, with the rest of its baseline, NaN
             where a point is missing, in the units of the curve.
+
+    Example:
+        >>> height = np.linspace(2e-6, -1e-6, 400)
+        >>> force = 0.01 * np.maximum(-height, 0) ** 1.5
+        >>> approach = js.lab.force_curves.Segment(force, height)
+        >>> curve = js.lab.force_curves.ForceCurve(approach, None, spring_constant=1.0)
+        >>> fit = js.lab.fit_curve(curve, js.lab.Paraboloid(radius=5e-6))
+        >>> bool(abs(fit.contact_point) < 1e-10)
+        True
     """
 
     youngs_modulus: float

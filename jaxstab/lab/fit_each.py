@@ -67,6 +67,17 @@ def fit_each(
 
     Warns:
         FitWarning: for curves that have no fit, with their names and reasons.
+
+    Example:
+        >>> height = np.linspace(2e-6, -1e-6, 400)
+        >>> force = 0.01 * np.maximum(-height, 0) ** 1.5
+        >>> approach = js.lab.force_curves.Segment(force, height)
+        >>> curve = js.lab.force_curves.ForceCurve(approach, None, spring_constant=1.0)
+        >>> curves = js.lab.force_curves.ForceCurves((curve, curve))
+        >>> tip = js.lab.Paraboloid(radius=5e-6)
+        >>> fits = js.lab.fit_each(curves, lambda one: js.lab.fit_curve(one, tip))
+        >>> len(fits.fits)
+        2
     """
     if not isinstance(curves, js.lab.force_curves.ForceCurves):
         raise TypeError(f"The curves are a {type(curves).__name__}: fit one by the function alone.")

@@ -25,7 +25,12 @@ _PYRAMIDS = {3: 0.8887, 4: 0.7453}
 
 
 class Tip(ABC):
-    """An axisymmetric tip."""
+    """An axisymmetric tip.
+
+    Example:
+        >>> isinstance(js.lab.Paraboloid(5e-6), js.lab.Tip)
+        True
+    """
 
     @abstractmethod
     def shape(self, radii: np.ndarray) -> np.ndarray:
@@ -50,6 +55,11 @@ class Paraboloid(Tip):
 
     Raises:
         ValueError: for a radius that is not between 0.1 nm and 0.1 m.
+
+    Example:
+        >>> tip = js.lab.Paraboloid(radius=5e-6)
+        >>> f"{tip.penetration(np.array(1e-6)):.1e}"
+        '2.0e-07'
     """
 
     radius: float
@@ -79,6 +89,10 @@ class TwoSpheres(Tip):
 
     Raises:
         ValueError: for a radius that is not between 0.1 nm and 0.1 m, but for a plate.
+
+    Example:
+        >>> f"{js.lab.TwoSpheres(tip_radius=5e-6, sample_radius=20e-6).radius:.1e}"
+        '4.0e-06'
     """
 
     tip_radius: float
@@ -117,6 +131,10 @@ class SphereOnPlate(TwoSpheres):
 
     Raises:
         ValueError: for a radius that is not between 0.1 nm and 0.1 m, but for a plate.
+
+    Example:
+        >>> js.lab.SphereOnPlate(tip_radius=5e-6, sample_radius=20e-6)
+        SphereOnPlate(tip_radius=5e-06, sample_radius=2e-05)
     """
 
     @property
@@ -141,6 +159,10 @@ class ElasticTip(Tip):
         TypeError: for another shape.
         ValueError: for a modulus that is not positive, Poisson's ratio outside of (-1, 0.5], and
             a sphere on a plate, whose other contact has no tip.
+
+    Example:
+        >>> js.lab.ElasticTip(js.lab.Paraboloid(5e-6), youngs_modulus=70e9, poisson_ratio=0.2)
+        ElasticTip(tip=Paraboloid(radius=5e-06), youngs_modulus=70000000000.0, poisson_ratio=0.2)
     """
 
     tip: Tip
@@ -193,6 +215,11 @@ class Sphere(Tip):
 
     Raises:
         ValueError: for a radius that is not between 0.1 nm and 0.1 m.
+
+    Example:
+        >>> sphere = js.lab.Sphere(radius=5e-6)
+        >>> f"{sphere.penetration(np.array(1e-6)):.3e}"
+        '2.027e-07'
     """
 
     radius: float
@@ -223,6 +250,11 @@ class Cone(Tip):
 
     Raises:
         ValueError: for an angle that is not between 2 and 89.5 degrees.
+
+    Example:
+        >>> cone = js.lab.Cone(half_angle=45.0)
+        >>> f"{cone.shape(np.array(1e-6)):.1e}"
+        '1.0e-06'
     """
 
     half_angle: float
@@ -253,6 +285,11 @@ class Pyramid(Tip):
     Raises:
         ValueError: for an angle that is not between 2 and 89.5 degrees, and another number of
             faces.
+
+    Example:
+        >>> pyramid = js.lab.Pyramid(half_angle=20.0)
+        >>> f"{pyramid.cone.half_angle:.1f}"
+        '23.1'
     """
 
     half_angle: float
@@ -290,6 +327,10 @@ class FlatPunch:
 
     Raises:
         ValueError: for a radius that is not between 0.1 nm and 0.1 m.
+
+    Example:
+        >>> js.lab.FlatPunch(radius=1e-6)
+        FlatPunch(radius=1e-06)
     """
 
     radius: float

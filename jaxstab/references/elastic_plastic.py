@@ -28,6 +28,11 @@ class AreaFractions(NamedTuple):
     Attributes:
         elastic: in contact, at a pressure below H.
         yielding: at the pressure H.
+
+    Example:
+        >>> found = js.references.elastic_plastic.area_fractions(1e-3, 0.1, 1.0, hardness=10.0)
+        >>> f"{found.yielding:.1f}"
+        '0.0'
     """
 
     elastic: Array
@@ -46,6 +51,11 @@ def first_yield(radius: ArrayLike, contact_modulus: ArrayLike, hardness: ArrayLi
 
     Raises:
         ValueError: if an argument is not positive and finite.
+
+    Example:
+        >>> found = js.references.elastic_plastic.first_yield(1.0, 1.0, hardness=0.1)
+        >>> f"{found.contact_radius / (np.pi * 0.1 / 2):.2f}"
+        '1.00'
     """
     radius, modulus, hardness = positive(
         radius=radius, contact_modulus=contact_modulus, hardness=hardness
@@ -70,6 +80,11 @@ def fully_plastic(
 
     Raises:
         ValueError: if an argument is not positive and finite.
+
+    Example:
+        >>> found = js.references.elastic_plastic.fully_plastic(0.5, 1.0, 1.0, hardness=0.01)
+        >>> f"{found.force / (np.pi * 0.5**2 * 0.01):.2f}"
+        '1.00'
     """
     a, radius, modulus, hardness = positive(
         contact_radius=contact_radius,
@@ -108,6 +123,11 @@ def unloading(
 
     Raises:
         ValueError: for a > a0, a negative w, and another argument that is not positive and finite.
+
+    Example:
+        >>> found = js.references.elastic_plastic.unloading(0.5, 0.5, 1.0, hardness=0.01)
+        >>> f"{found.force / (np.pi * 0.5**2 * 0.01):.2f}"
+        '1.00'
     """
     work = not_negative("work of adhesion", work_of_adhesion)
     a, largest, modulus, hardness = positive(
@@ -148,6 +168,11 @@ def pull_off(
 
     Raises:
         ValueError: if an argument is not positive and finite.
+
+    Example:
+        >>> lost = js.references.elastic_plastic.pull_off(0.5, 1.0, 0.01, work_of_adhesion=1e-5)
+        >>> bool(lost.force < 0)
+        True
     """
     largest, modulus, hardness, work = positive(
         largest_radius=largest_radius,
@@ -182,6 +207,11 @@ def area_fractions(
 
     Raises:
         ValueError: for P > H, and if an argument is not positive and finite.
+
+    Example:
+        >>> found = js.references.elastic_plastic.area_fractions(0.001, 0.1, 1.0, hardness=0.05)
+        >>> bool(found.yielding > found.elastic)
+        True
     """
     pressure, slope, modulus, hardness = positive(
         pressure=pressure, rms_slope=rms_slope, contact_modulus=contact_modulus, hardness=hardness
@@ -225,6 +255,10 @@ def conductance(
 
     Raises:
         ValueError: if an argument is not positive and finite.
+
+    Example:
+        >>> f"{js.references.elastic_plastic.conductance(0.01, 1.0, 1e-6, 0.1, 200.0):.3g}"
+        '3.15e+05'
     """
     pressure, hardness, height, slope, conductivity = positive(
         pressure=pressure,

@@ -136,7 +136,13 @@ class Modes(Solid):
 
 
 class AxisymmetricSolid(Solid):
-    """A solid on rings; a subclass gives its `modes`."""
+    """A solid on rings; a subclass gives its `modes`.
+
+    Example:
+        >>> ringed = js.solids.AxisymmetricHalfSpace(js.Rings(50, radius=0.5), 1.0)
+        >>> isinstance(ringed, js.solids.AxisymmetricSolid)
+        True
+    """
 
     grid: eqx.AbstractVar[Rings]
 
@@ -229,6 +235,14 @@ class AxisymmetricHalfSpace(AxisymmetricSolid):
     Raises:
         ValueError: if E is not positive, or nu outside (-1, 0.5].
         TypeError: for something that is not `Rings`, or a complex modulus or ratio.
+
+    Example:
+        >>> rings = js.Rings(50, radius=0.5)
+        >>> ringed = js.solids.AxisymmetricHalfSpace(rings, youngs_modulus=1.0)
+        >>> tip = js.surfaces.paraboloid(rings, radius=2.0)
+        >>> pressed = js.equilibrate(js.Contact(ringed, tip, law), js.FarDisplacement(0.0))
+        >>> bool(pressed.in_contact[0])
+        True
     """
 
     grid: Rings
@@ -283,6 +297,11 @@ class Axisymmetric(AxisymmetricSolid):
         TypeError: for something that is not `Rings`, or a solid without such a stiffness.
         ValueError: for a solid whose stiffness depends on the direction of a wave, such as a
             crystal.
+
+    Example:
+        >>> layer = js.Layer(grid, youngs_modulus=1.0, poisson_ratio=0.3, thickness=0.1)
+        >>> js.solids.Axisymmetric(js.Rings(50, radius=0.5), layer).grid.num_points
+        50
     """
 
     grid: Rings

@@ -31,6 +31,10 @@ class Solid(eqx.Module):
         max_stiffness: a number not below the largest eigenvalue of K on fields of zero mean
             [pressure/length].
         min_stiffness: about the smallest one there [pressure/length].
+
+    Example:
+        >>> f"{solid.max_stiffness:.2f}, {solid.min_stiffness:.2f}"
+        '35.54, 3.14'
     """
 
     # A `Grid` or `Rings`: a type checker takes no narrower attribute in a subclass.

@@ -100,6 +100,10 @@ class SpectralSolid(Solid):
     K of an isotropic solid, or of one like a fibre that stands upright, depends on |q| alone. A
     subclass whose K depends on the direction of q too overrides `is_isotropic` by False, and its
     `stiffness_at` takes wave vectors.
+
+    Example:
+        >>> isinstance(solid, js.solids.SpectralSolid)
+        True
     """
 
     grid: eqx.AbstractVar[Grid]
@@ -218,6 +222,11 @@ class Spectral(SpectralSolid):
     Raises:
         ValueError: if the stiffness is not one real number for each wave, positive and finite.
         TypeError: for something that is no function, or one that JAX cannot trace.
+
+    Example:
+        >>> stretched = js.solids.Spectral(grid, lambda q: 0.5 * q + 0.01 * q**2)
+        >>> f"{stretched.stiffness_at(np.array(10.0)):.1f}"
+        '6.0'
     """
 
     grid: Grid

@@ -31,7 +31,12 @@ _GAS_CONSTANT = 8.31446261815324
 
 
 class TemperatureShift(eqx.Module):
-    """The shift factor a_T over the temperature: a time at T is a_T times the time at T0."""
+    """The shift factor a_T over the temperature: a time at T is a_T times the time at T0.
+
+    Example:
+        >>> isinstance(js.solids.Arrhenius(50e3, 298.0), js.solids.TemperatureShift)
+        True
+    """
 
     __repr__ = inline
 
@@ -88,6 +93,11 @@ class WilliamsLandelFerry(TemperatureShift):
 
     Raises:
         ValueError: if C1 is negative, C2 not positive, or T0 not finite.
+
+    Example:
+        >>> shift = js.solids.WilliamsLandelFerry(c1=17.4, c2=51.6, reference_temperature=298.0)
+        >>> f"{shift.factor(308.0):.2e}"
+        '1.50e-03'
     """
 
     c1: Annotated[Scalar, NUMBER]
@@ -151,6 +161,11 @@ class Arrhenius(TemperatureShift):
 
     Raises:
         ValueError: if the energy is negative, or T0 not positive.
+
+    Example:
+        >>> shift = js.solids.Arrhenius(activation_energy=50e3, reference_temperature=298.0)
+        >>> f"{shift.factor(308.0):.3f}"
+        '0.519'
     """
 
     activation_energy: Annotated[Scalar, NUMBER]
@@ -185,6 +200,11 @@ class ShiftTable(TemperatureShift):
     Raises:
         ValueError: for arrays of different or other shapes, temperatures that do not increase,
             factors that are not positive, and a reference out of the range.
+
+    Example:
+        >>> shift = js.solids.ShiftTable([280.0, 300.0, 320.0], [10.0, 1.0, 0.1], 300.0)
+        >>> f"{shift.factor(310.0):.3f}"
+        '0.316'
     """
 
     temperatures: Annotated[Float[Array, " entries"], _TEMPERATURE]

@@ -42,6 +42,10 @@ def prefixed(largest: float, unit: str) -> tuple[float, str]:
     Arguments:
         largest: the largest magnitude of the numbers, in the unit.
         unit: a unit that takes prefixes, as "Pa", "N", "m" or "J/m²".
+
+    Example:
+        >>> js.units.prefixed(2.5e-7, "m")
+        (1e-09, 'nm')
     """
     largest = abs(largest)
     if largest == 0 or not math.isfinite(largest):

@@ -26,6 +26,14 @@ class ForceCurves(Sequence[ForceCurve]):
         curves: the curves.
         shape: columns and rows of the map that they are pixels of, None if they are of none. A map
             may lack pixels.
+
+    Example:
+        >>> height = np.linspace(2e-6, -1e-6, 400)
+        >>> force = 0.01 * np.maximum(-height, 0) ** 1.5
+        >>> approach = js.lab.force_curves.Segment(force, height)
+        >>> curve = js.lab.force_curves.ForceCurve(approach, None, spring_constant=1.0)
+        >>> len(js.lab.force_curves.ForceCurves((curve, curve)))
+        2
     """
 
     curves: tuple[ForceCurve, ...]

@@ -54,6 +54,14 @@ class ForceCurve:
         instrument: the name of the instrument.
         remarks: the choices of the reader.
         correction: the baseline, the contact point and the drift that `corrected` has removed.
+
+    Example:
+        >>> height = np.linspace(2e-6, -1e-6, 400)
+        >>> force = 0.01 * np.maximum(-height, 0) ** 1.5
+        >>> approach = js.lab.force_curves.Segment(force, height)
+        >>> curve = js.lab.force_curves.ForceCurve(approach, None, spring_constant=1.0)
+        >>> f"{curve.approach.force.max():.1e}"
+        '1.0e-11'
     """
 
     approach: Segment | None

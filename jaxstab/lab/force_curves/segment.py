@@ -39,6 +39,11 @@ class Segment:
 
     Raises:
         ValueError: without a point.
+
+    Example:
+        >>> approach = js.lab.force_curves.Segment(force=np.zeros(5), height=np.arange(5.0))
+        >>> int(approach.is_present.sum())
+        5
     """
 
     force: np.ndarray
