@@ -93,9 +93,9 @@ def begin(
     to_limit: bool = False,
 ) -> tuple[ContinuationProblem, BranchState]:
     """Return the problem between two loads, and a branch at its first state, an equilibrium."""
-    curve, first, no_direction, modes = _start(contact, loads, found)
+    curve, first, modes = _start(contact, loads, found)
     dtype = found.gap.dtype
-    here = place_of(curve, first, no_direction)
+    here = place_of(curve, first)
     if dtype == jnp.float32:
         # A solver may stop as far from the curve as a short step may from its prediction.
         correction = CorrectorProblem(curve, first.condition, first.is_free, follows=True)
@@ -108,10 +108,8 @@ def begin(
 
 
 @program
-def _start(
-    contact: Contact, loads: Load, found: Equilibrium
-) -> tuple[Curve, Undirected, BorderedVector, Block]:
-    """Return the curve, the first point of a branch, and that no direction and modes are known."""
+def _start(contact: Contact, loads: Load, found: Equilibrium) -> tuple[Curve, Undirected, Block]:
+    """Return the curve, the first point of a branch, and that no modes are known there."""
     gap = found.gap
     load = loads[0]
     at = BorderedVector(gap, pressure_of(contact, load, gap))
@@ -121,8 +119,8 @@ def _start(
     span = last - value
     ahead = BorderedVector(jnp.sign(span) * row.gap, jnp.sign(span) * row.pressure)
     condition = on_plane(row, value - curve.load_offset, jnp.abs(span))
-    first = Undirected(at, gap > 0, condition, ahead)
-    return curve, first, jax.tree.map(jnp.zeros_like, at), no_modes(gap)
+    first = Undirected(at, gap > 0, condition, ahead, jax.tree.map(jnp.zeros_like, at))
+    return curve, first, no_modes(gap)
 
 
 @partial(program, static_argnums=0)

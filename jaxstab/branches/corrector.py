@@ -162,21 +162,20 @@ class Undirected(eqx.Module):
         is_free: its free points.
         condition: a condition that it meets.
         ahead: the gradient of a linear function that grows along the direction.
+        near: another direction nearby, from which that is sought, or zero.
     """
 
     at: BorderedVector
     is_free: Mask
     condition: Condition
     ahead: BorderedVector
+    near: BorderedVector
 
 
-def place_of(curve: Curve, point: Undirected, near: BorderedVector) -> Place:
-    """Return a point of a curve with the direction there.
-
-    Sought from another direction nearby, or from zero, by the last step of the corrector.
-    """
+def place_of(curve: Curve, point: Undirected) -> Place:
+    """Return a point of a curve with the direction there, by the last step of the corrector."""
     problem = CorrectorProblem(curve, point.condition, point.is_free)
-    tangent = correct(problem, point.at, point.ahead, near, np.inf).place.tangent
+    tangent = correct(problem, point.at, point.ahead, point.near, np.inf).place.tangent
     return Place(point.at, point.is_free, tangent)
 
 
@@ -209,7 +208,7 @@ def _newton(
         is_found = (residual <= close) | ((residual <= enough) & ~falls)
         moves = at.gap > 0, (at.gap > 0) | (forces.net < 0)
         is_free = jnp.where(follows, jnp.where(is_found, *moves), problem.is_free)
-        direction = curve.scaled(near, is_free, ahead)
+        direction = curve.unit_change(near, is_free, ahead)
         rest = curve.residual_of(direction, forces.curvature, ahead)
         change = curve.solution(
             forces.curvature,

@@ -35,7 +35,7 @@ class BorderedVector(eqx.Module):
             self.gap + length * change.gap, self.pressure + length * change.pressure
         )
 
-    def scaled(self, factor: Scalar | float) -> "BorderedVector":
+    def scale(self, factor: Scalar | float) -> "BorderedVector":
         """Return so much of a change."""
         return BorderedVector(factor * self.gap, factor * self.pressure)
 
@@ -138,7 +138,7 @@ class Curve(eqx.Module):
         pressed = model.load_pressure(change.pressure, self.contact.solid.punch)
         return Hessian(self.contact.solid, curvature)(change.gap) + pressed
 
-    def scaled(
+    def unit_change(
         self, change: BorderedVector, is_free: Mask, ahead: BorderedVector
     ) -> BorderedVector:
         """Return a change of the free points along which a linear function grows by one.

@@ -93,7 +93,7 @@ def beyond_change(curve: Curve, place: Place, changes: ActiveSetChanges, opens: 
 
     def beyond(with_tied: Flag) -> Beyond:
         point, flips = _point_beyond(curve, place, changes, opens, with_tied)
-        return _beyond(curve, place_of(curve, point, place.tangent), flips)
+        return _beyond(curve, place_of(curve, point), flips)
 
     return first_good(beyond, lambda found: found.goes_on, [array(True), array(False)])
 
@@ -119,7 +119,7 @@ def _point_beyond(
     flips = changes.point | (changes.tied & vanishes & with_tied)
     point = BorderedVector(jnp.where(flips, 0, place.at.gap), place.at.pressure)
     condition = at_change(curve, changes.point, opens, jnp.ones_like(place.at.pressure))
-    return Undirected(point, place.is_free ^ flips, condition, ahead), flips
+    return Undirected(point, place.is_free ^ flips, condition, ahead, place.tangent), flips
 
 
 @program
@@ -130,22 +130,6 @@ def _beyond(curve: Curve, new: Place, flips: Mask) -> Beyond:
     is_tied = jnp.sum(flips) > 1
     opened = jnp.where(is_tied & (new.is_free | flips), 1, new.at.gap)
     return Beyond(new, jnp.all(goes_on | ~flips), is_tied, opened)
-
-
-class _SmoothStep(eqx.Module):
-    """A step along one smooth piece, in which the load turns.
-
-    Attributes:
-        row: the gradient of the distance along it.
-        length: of the step [length].
-        rate: of the load at its beginning.
-        steepest: the larger of the rates at its ends.
-    """
-
-    row: BorderedVector
-    length: Scalar
-    rate: Scalar
-    steepest: Scalar
 
 
 class _Bracket(eqx.Module):
@@ -190,34 +174,32 @@ def fold_between(curve: Curve, old: Place, new: Place) -> tuple[Place, Flag]:
     4. Repeat from 1 until the rate vanishes, or both places are close to each other.
     """
     dtype = old.at.gap.dtype.name
-    step, begun = _first_bracket(curve, old, new)
 
     def narrow(bracket: _Bracket) -> _Bracket:
-        condition, start, direction = _on_cubic(step, old, bracket)
-        correction = CorrectorProblem(curve, condition, old.is_free)
+        plane, start, direction = _on_cubic(curve, old, new, bracket)
+        correction = CorrectorProblem(curve, plane, old.is_free)
         found = correct(
-            correction, start, step.row, direction, EXACT[dtype], EQUILIBRIUM[dtype]
+            correction, start, plane.row, direction, EXACT[dtype], EQUILIBRIUM[dtype]
         ).place
-        return _shrink_bracket(curve, step, bracket, found)
+        return _shrink_bracket(curve, old, new, bracket, found)
 
-    bracket = while_loop(lambda bracket: bracket.is_open, narrow, begun)
+    first = _first_bracket(curve, old, new)
+    bracket = while_loop(lambda bracket: bracket.is_open, narrow, first)
     return cond(bracket.is_low, lambda: bracket.low, lambda: bracket.high), bracket.is_flat
 
 
 @program
-def _first_bracket(curve: Curve, old: Place, new: Place) -> tuple[_SmoothStep, _Bracket]:
-    row = curve.gradient_of(old.tangent)
-    length = row.times(new.at.minus(old.at))
+def _first_bracket(curve: Curve, old: Place, new: Place) -> _Bracket:
+    length = curve.gradient_of(old.tangent).times(new.at.minus(old.at))
     distances = jnp.stack([jnp.zeros_like(length), length])
     rates = jnp.stack([curve.rate(old.tangent), curve.rate(new.tangent)])
     yes = jnp.array(True)
-    step = _SmoothStep(row, length, rates[0], jnp.max(jnp.abs(rates)))
-    return step, _Bracket(old, new, distances, rates, yes, jnp.zeros((), int), yes, yes)
+    return _Bracket(old, new, distances, rates, yes, jnp.zeros((), int), yes, yes)
 
 
 @program
 def _on_cubic(
-    step: _SmoothStep, old: Place, bracket: _Bracket
+    curve: Curve, old: Place, new: Place, bracket: _Bracket
 ) -> tuple[Condition, BorderedVector, BorderedVector]:
     """Return the plane on which to look next, and the point and the direction to start from.
 
@@ -229,38 +211,44 @@ def _on_cubic(
     low, high = bracket.distances
     part = (distance - low) / (high - low)
     rest = 1 - part
-    row = step.row
+    row = curve.gradient_of(old.tangent)
     slopes = [
-        place.tangent.scaled(1 / row.times(place.tangent)) for place in (bracket.low, bracket.high)
+        place.tangent.scale(1 / row.times(place.tangent)) for place in (bracket.low, bracket.high)
     ]
     change = bracket.high.at.minus(bracket.low.at)
-    first, second = (slope.scaled(high - low).minus(change) for slope in slopes)
+    first, second = (slope.scale(high - low).minus(change) for slope in slopes)
     start = bracket.low.at.plus(change, part)
     start = start.plus(first, part * rest**2).plus(second, -(part**2) * rest)
     # That of the cubic would be a small difference of both ends.
-    direction = slopes[0].scaled(rest).plus(slopes[1], part)
+    direction = slopes[0].scale(rest).plus(slopes[1], part)
     # The place along the step is needed no more closely than the fold, and in a short step it is
     # not known to more digits.
     dtype = distance.dtype.name
-    scale = EQUILIBRIUM[dtype] / EXACT[dtype] * jnp.abs(step.length)
+    length = row.times(new.at.minus(old.at))
+    scale = EQUILIBRIUM[dtype] / EXACT[dtype] * jnp.abs(length)
     return on_plane(row, row.times(old.at) + distance, scale), start, direction
 
 
 @program
-def _shrink_bracket(curve: Curve, step: _SmoothStep, bracket: _Bracket, found: Place) -> _Bracket:
+def _shrink_bracket(
+    curve: Curve, old: Place, new: Place, bracket: _Bracket, found: Place
+) -> _Bracket:
     """Return the bracket of which the place found is one end."""
+    length = curve.gradient_of(old.tangent).times(new.at.minus(old.at))
+    first_rate = curve.rate(old.tangent)
+    steepest = jnp.maximum(jnp.abs(first_rate), jnp.abs(curve.rate(new.tangent)))
     low, high = bracket.distances
     slow, fast = bracket.rates
     distance = bracket.secant
     rate = curve.rate(found.tangent)
-    is_low = rate * step.rate > 0
+    is_low = rate * first_rate > 0
     stays = jnp.where((bracket.count > 0) & (is_low == bracket.is_low), 0.5, 1)
     distances = jnp.where(is_low, jnp.stack([distance, high]), jnp.stack([low, distance]))
     rates = jnp.where(is_low, jnp.stack([rate, stays * fast]), jnp.stack([stays * slow, rate]))
     count = bracket.count + 1
     narrow_enough = EQUILIBRIUM[rate.dtype.name]
-    is_wide = distances[1] - distances[0] > narrow_enough * jnp.abs(step.length)
-    is_steep = jnp.abs(rate) > narrow_enough * step.steepest
+    is_wide = distances[1] - distances[0] > narrow_enough * jnp.abs(length)
+    is_steep = jnp.abs(rate) > narrow_enough * steepest
     return _Bracket(
         low=choose(is_low, found, bracket.low),
         high=choose(is_low, bracket.high, found),
@@ -269,5 +257,5 @@ def _shrink_bracket(curve: Curve, step: _SmoothStep, bracket: _Bracket, found: P
         is_low=is_low,
         count=count,
         is_open=is_wide & is_steep & (count < _MAX_SECANTS),
-        is_flat=jnp.abs(rate) < NEGLIGIBLE[rate.dtype.name] * step.steepest,
+        is_flat=jnp.abs(rate) < NEGLIGIBLE[rate.dtype.name] * steepest,
     )

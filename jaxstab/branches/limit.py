@@ -33,7 +33,6 @@ from jaxstab.branches.corrector import (
 from jaxstab.branches.curve import BorderedVector, ContinuationProblem, Curve, Place
 from jaxstab.branches.morse_index import UNKNOWN, lowest_pair, no_modes
 from jaxstab.contact import Contact
-from jaxstab.contact.hessian import Block
 from jaxstab.core.accuracy import EQUILIBRIUM, NEGLIGIBLE
 from jaxstab.core.checks import array, concrete
 from jaxstab.core.compile import program
@@ -99,24 +98,6 @@ class Limit(eqx.Module):
         return mode * jnp.where(mean(jnp.where(self.gap == 0, mode, 0)) < 0, -1, 1)
 
 
-class _Ahead(eqx.Module):
-    """The problem of a limit ahead of a state.
-
-    Attributes:
-        problem: the curve towards the load ahead.
-        at: the state.
-        row: the gradient of the load, with the sign of its change.
-        nothing: no direction.
-        modes: none that are known.
-    """
-
-    problem: ContinuationProblem
-    at: BorderedVector
-    row: BorderedVector
-    nothing: BorderedVector
-    modes: Block
-
-
 def limit_ahead(contact: Contact, load: Load, gap: Field, ahead: Scalar) -> Limit:
     """Return the limit of a branch from a state close to it.
 
@@ -132,18 +113,17 @@ def limit_ahead(contact: Contact, load: Load, gap: Field, ahead: Scalar) -> Limi
        since it was passed where a symmetry held the state; otherwise as uncertain.
     """
     dtype = gap.dtype
-    search = _ahead(contact, load, gap, ahead)
-    curve = search.problem.curve
+    problem, state, row = _problem_ahead(contact, load, gap, ahead)
+    curve = problem.curve
 
     def from_start(start: tuple[Scalar, Flag]) -> tuple[Limit, Flag]:
         distance, closes = start
-        here = place_of(curve, _state_of(search, closes), search.nothing)
-        plane, row, at = _plane_behind(search, distance, here)
+        here = place_of(curve, _first_point(problem, state, row, closes))
+        plane, at = _plane_behind(problem, state, distance, here)
         correction = CorrectorProblem(curve, plane, here.is_free)
-        behind = correct(correction, at, row, here.tangent, AT_STATES[dtype.name])
-        is_on_curve, result, length = _assess_start(search, behind)
-        branch = branch_from(behind.place, length, array(UNKNOWN), search.modes, result)
-        return limit_of(search.problem, branch), is_on_curve
+        behind = correct(correction, at, plane.row, here.tangent, AT_STATES[dtype.name])
+        branch, is_on_curve = _branch_behind(problem, row, behind)
+        return limit_of(problem, branch), is_on_curve
 
     starts = [(array(back, dtype), array(closes)) for back in _BACKS for closes in (False, True)]
     limit, is_on_curve = first_good(from_start, lambda found: found[0].is_found, starts)
@@ -156,7 +136,10 @@ def limit_ahead(contact: Contact, load: Load, gap: Field, ahead: Scalar) -> Limi
 
 
 @program
-def _ahead(contact: Contact, load: Load, gap: Field, ahead: Scalar) -> _Ahead:
+def _problem_ahead(
+    contact: Contact, load: Load, gap: Field, ahead: Scalar
+) -> tuple[ContinuationProblem, BorderedVector, BorderedVector]:
+    """Return the problem towards a load ahead, the state, and the gradient of the load's change."""
     curve = Curve.of(contact, load)
     at = BorderedVector(gap, pressure_of(contact, load, gap))
     longest = LONGEST * curve.length(at)
@@ -166,44 +149,49 @@ def _ahead(contact: Contact, load: Load, gap: Field, ahead: Scalar) -> _Ahead:
     problem = ContinuationProblem(
         curve, load.value, end, longest, shortest_of(longest), to_limit=True
     )
-    return _Ahead(problem, at, row, jax.tree.map(jnp.zeros_like, at), no_modes(gap))
+    return problem, at, row
 
 
 @program
-def _state_of(search: _Ahead, closes: Flag) -> Undirected:
+def _first_point(
+    problem: ContinuationProblem, state: BorderedVector, row: BorderedVector, closes: Flag
+) -> Undirected:
     """Return the state, also with its least open points closed, as a point of the curve."""
-    gap = search.at.gap
+    gap = state.gap
     least_open = gap == jnp.min(jnp.where(gap > 0, gap, jnp.inf))
     is_free = (gap > 0) & ~(least_open & closes)
-    at = BorderedVector(jnp.where(is_free, gap, 0), search.at.pressure)
-    condition = on_plane(search.row, search.row.times(at), search.problem.max_step)
-    return Undirected(at, is_free, condition, search.row)
+    at = BorderedVector(jnp.where(is_free, gap, 0), state.pressure)
+    condition = on_plane(row, row.times(at), problem.max_step)
+    return Undirected(at, is_free, condition, row, jax.tree.map(jnp.zeros_like, at))
 
 
 @program
 def _plane_behind(
-    search: _Ahead, distance: Scalar, here: Place
-) -> tuple[Condition, BorderedVector, BorderedVector]:
-    """Return the plane behind a place, the gradient across it, and a point there.
+    problem: ContinuationProblem, state: BorderedVector, distance: Scalar, here: Place
+) -> tuple[Condition, BorderedVector]:
+    """Return the plane behind a place, and a point there.
 
     The distance is given over a usual one.
     """
     at = here.at
-    curve = search.problem.curve
-    longest = search.problem.max_step
-    back = NEGLIGIBLE[at.gap.dtype.name] * curve.length(search.at) * distance
+    curve = problem.curve
+    back = NEGLIGIBLE[at.gap.dtype.name] * curve.length(state) * distance
     row = curve.gradient_of(here.tangent)
-    return on_plane(row, row.times(at) - back, longest), row, at.plus(here.tangent, -back)
+    return on_plane(row, row.times(at) - back, problem.max_step), at.plus(here.tangent, -back)
 
 
 @program
-def _assess_start(search: _Ahead, found: CorrectorOutcome) -> tuple[Flag, RESULTS, Scalar]:
-    """Return whether a branch towards the load begins at the point found, and its first step."""
+def _branch_behind(
+    problem: ContinuationProblem, row: BorderedVector, found: CorrectorOutcome
+) -> tuple[BranchState, Flag]:
+    """Return the branch from the point found, and whether it is one towards the load."""
     place = found.place
     signs = jnp.where(place.is_free, place.at.gap, found.forces.net) > 0
-    is_on_curve = found.is_found & jnp.all(signs) & (search.row.times(place.tangent) > 0)
+    is_on_curve = found.is_found & jnp.all(signs) & (row.times(place.tangent) > 0)
     result = RESULTS.where(is_on_curve, RESULTS.successful, RESULTS.lost_branch)
-    return is_on_curve, result, _FIRST * search.problem.max_step
+    length = _FIRST * problem.max_step
+    unknown = array(UNKNOWN), no_modes(place.at.gap)
+    return branch_from(place, length, *unknown, result), is_on_curve
 
 
 @program
@@ -310,7 +298,7 @@ def _search_after(
     width = jnp.where(new.step.is_new, width, search.width)
     # Stable states up to there and beyond: a long step had leapt to another branch.
     width = jnp.where(width < 0, jnp.inf, width)
-    closest = _closest(problem)
+    closest = EQUILIBRIUM[problem.max_step.dtype.name] * problem.max_step
     is_bracketed = is_past & (new.step.turn.is_there | (width <= 2 * closest))
     count = search.count + 1
     next_length = jnp.where(is_past, old.step.length, new.step.length)
@@ -323,11 +311,6 @@ def _search_after(
         count=count,
         is_open=new.is_on & ~is_bracketed & (count < _MAX_STEPS),
     )
-
-
-def _closest(problem: ContinuationProblem) -> Scalar:
-    """Return how closely a bifurcation is bracketed [length]."""
-    return EQUILIBRIUM[problem.max_step.dtype.name] * problem.max_step
 
 
 class _Candidate(eqx.Module):

@@ -219,7 +219,7 @@ def calibrate(
     problem = FitProblem(curve, start, measured, held, tolerance)
     search = Search(problem, (start > 0) & ~held)
     is_interrupted = _run(search, starts, max_steps, progress)
-    fit = _finished(search, model, dimensions, shift)
+    fit = _calibration_of(search, model, dimensions, shift)
     hints = _hints_of(search)
     if fit.result == RESULTS.successful:
         if is_interrupted:
@@ -264,7 +264,7 @@ def _is_hopeless(search: Search) -> bool:
     return is_far and bool(wrong_sign(search.problem.measured, search.guess))
 
 
-def _finished(
+def _calibration_of(
     search: Search, model: Model, dimensions: dict[str, Any], shift: Curve
 ) -> Calibration:
     """Return the best fit of a search with its errors, refused if it is none.

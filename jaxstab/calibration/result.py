@@ -110,7 +110,7 @@ class Calibration(eqx.Module):
 
     @readable
     def __repr__(self) -> str:
-        found = _found(self)
+        found = _rows_of(self)
         divisors = np.array([divisor for _, _, divisor, _ in found])
         errors = np.sqrt(np.diag(self.covariance)) / divisors
         rows = {
@@ -139,7 +139,7 @@ def profile_of(search: Search) -> LossProfile:
 def describe(fit: Calibration, measured: Measured, hints: Hints) -> str:
     """Describe the failure of a fit, with its cause and the cure."""
     values = ", ".join(
-        f"{name} {value:.6g} {unit}".rstrip() for name, value, _, unit in _found(fit)
+        f"{name} {value:.6g} {unit}".rstrip() for name, value, _, unit in _rows_of(fit)
     )
     fitted = np.asarray(fit.mean_pressure)
     missing = np.isnan(fitted)
@@ -173,7 +173,7 @@ def describe(fit: Calibration, measured: Measured, hints: Hints) -> str:
     )
 
 
-def _found(fit: Calibration) -> list[tuple[str, float, float, str]]:
+def _rows_of(fit: Calibration) -> list[tuple[str, float, float, str]]:
     """Return for each fitted number its name, its value, the divisor of the value, and its unit."""
     zeros = [getattr(fit, name) for name in ZEROS if name in fit.names]
     values = np.append(values_of(fit.parameters), zeros)

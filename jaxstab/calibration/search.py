@@ -136,14 +136,14 @@ def fits(search: Search, starts: int | None, max_steps: int, bar: tqdm) -> Itera
     """
     problem = search.problem
 
-    def fitted(problem: FitProblem, start: Values, max_steps: int) -> Fit:
+    def fit_from(problem: FitProblem, start: Values, max_steps: int) -> Fit:
         fit = minimise(problem, start, max_steps)
         search.num_steps += fit.num_steps
         bar.update()
         return fit
 
     for start in _starts(problem, starts or _MOST):
-        search.starts.append(fitted(problem, start, max_steps))
+        search.starts.append(fit_from(problem, start, max_steps))
         yield
         if starts is None and search.best.result.name in ("successful", "max_steps_reached"):
             break
@@ -158,7 +158,7 @@ def fits(search: Search, starts: int | None, max_steps: int, bar: tqdm) -> Itera
         for distance in (near, 2.5 * near, *far):
             free = free.copy()
             free[weakest] = centre[weakest] + side * distance
-            fit = fitted(others, free, min(max_steps, _PROFILE_STEPS))
+            fit = fit_from(others, free, min(max_steps, _PROFILE_STEPS))
             search.profile.insert(0 if side < 0 else len(search.profile), fit)
             free = fit.point.free
             yield
@@ -166,7 +166,7 @@ def fits(search: Search, starts: int | None, max_steps: int, bar: tqdm) -> Itera
     for fit in _minima(search):
         if fit.point.loss < _WORTH * search.best.point.loss:
             bar.total += 1
-            search.refits.append(fitted(problem, fit.point.free, max_steps))
+            search.refits.append(fit_from(problem, fit.point.free, max_steps))
             yield
 
 

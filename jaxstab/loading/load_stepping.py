@@ -34,15 +34,11 @@ class _Store(Protocol):
 Store = TypeVar("Store", bound=_Store)
 
 
-def _whole_record(record: Record) -> Record:
-    return record
-
-
 def step_to_end(
     load_path: LoadPath,
     start: Field,
     empty: Callable[[Record], Store],
-    explain: Callable[[Record], Record] = _whole_record,
+    explain: Callable[[Record], Record] = lambda record: record,
 ) -> tuple[PathSearch, Store]:
     """Return the search at the end of a load path, or where the store is full, and the store.
 

@@ -101,7 +101,9 @@ def pull_off(
         end = critical_load_at(problem.contact, load, limit)
 
     def describe(_: CriticalLoad) -> str:
-        return _describe(load.in_units_of(1 / problem.unit))
+        loads = load.in_units_of(1 / problem.unit)
+        first, last = (float(value) for value in jax.lax.stop_gradient(loads.value))
+        return f"No pull-off found from {type(loads).__name__}({first:.6g}) to ({last:.6g})"
 
     return finish(replace(end, after=after), problem, describe, throw)
 
@@ -129,11 +131,13 @@ class _Strongest(eqx.Module):
 
     def append(self, _: object, record: Record[PathPoint, Event]) -> _Strongest:
         """Return the stronger one of this and the jump of a step, if there is one."""
-        return cond(record.event.is_jump, lambda: self._or(record.event), lambda: self)
+        event = record.event
 
-    def _or(self, event: Event) -> _Strongest:
-        tension, is_stronger = _compare_tensions(self.tension, event.before.mean_pressure)
-        return cond(is_stronger, lambda: _Strongest(event, tension), lambda: self)
+        def stronger() -> _Strongest:
+            tension, is_stronger = _compare_tensions(self.tension, event.before.mean_pressure)
+            return cond(is_stronger, lambda: _Strongest(event, tension), lambda: self)
+
+        return cond(event.is_jump, stronger, lambda: self)
 
 
 @program
@@ -212,8 +216,3 @@ def _retraction(
     first = mean_displacement - give * pressure
     last = jnp.where(deepest > 0, mean_displacement + give * deepest + reach + spread, first)
     return Spring(jax.lax.stop_gradient(jnp.stack([first, last])), machine.stiffness)
-
-
-def _describe(load: Load) -> str:
-    first, last = (float(value) for value in jax.lax.stop_gradient(load.value))
-    return f"No pull-off found from {type(load).__name__}({first:.6g}) to ({last:.6g})"

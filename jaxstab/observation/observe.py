@@ -138,7 +138,7 @@ def observe(
             moved, state = states[i].instant
             state = state.on_surface(moved.solid)
         elif not isinstance(state, Equilibrium):
-            state = _state(contact, states.load[i], gaps[i])
+            state = _equilibrium_at(contact, states.load[i], gaps[i])
         for name, observable in zip(names, observables, strict=True):
             found[name].append(_row(observable, contact, state))
     columns = {name: _with_empty_rows(rows, are_found) for name, rows in found.items()}
@@ -169,7 +169,7 @@ def _gaps(contact: Contact, equilibrium: States | Equilibrium) -> np.ndarray:
     return gaps
 
 
-def _state(contact: Contact, load: Load, gap: np.ndarray) -> Equilibrium:
+def _equilibrium_at(contact: Contact, load: Load, gap: np.ndarray) -> Equilibrium:
     problem = pose(contact, load)
     start = posed_gap(problem.contact, problem.state, jax.device_put(gap))
     return as_given(state_at(problem.contact, problem.state, start), problem)

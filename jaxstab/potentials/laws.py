@@ -131,10 +131,10 @@ class Dugdale(_RangedLaw):
 
     def __call__(self, gap: Scalar) -> Scalar:
         """Return the energy per area at a gap [length]."""
-        return -self.surface_energy * _left(self._gap_over_length(gap), self.smoothing)
+        return -self.surface_energy * _remaining_work(self._gap_over_length(gap), self.smoothing)
 
 
-def _left(reduced: Scalar, smoothing: Scalar) -> Scalar:
+def _remaining_work(reduced: Scalar, smoothing: Scalar) -> Scalar:
     """Return the remaining work of a constant attraction, from a gap over its range on."""
     edge = 1 / smoothing
     return jax.nn.softplus(edge * (1 - reduced)) / jax.nn.softplus(edge)
@@ -347,7 +347,7 @@ class Capillary(Law):
         """Return the energy per area at a gap [length]."""
         slope = jnp.cos(self.angle)
         reduced = gap * (1 / (2 * self.radius * slope))
-        return -2 * self.tension * slope * _left(reduced, self.smoothing)
+        return -2 * self.tension * slope * _remaining_work(reduced, self.smoothing)
 
 
 class CutOff(Law):

@@ -137,7 +137,11 @@ class StateSequence(Dimensioned):
         parts = {name: (getattr(self, name), self.load) for name in self._of_states}
         parts[self._of_events] = events, events.load
         return replace(
-            self, **{name: _first_entries(part, load) for name, (part, load) in parts.items()}
+            self,
+            **{
+                name: first_entries(part, int(np.isfinite(load.value).sum()))
+                for name, (part, load) in parts.items()
+            },
         )
 
     def __iter__(self) -> Iterator[PathState | Self]:
@@ -150,8 +154,3 @@ class StateSequence(Dimensioned):
         units = self.equilibrium.units
         first, last = (units.text(loads[i], self.load.unit, digits=6) for i in (0, -1))
         return f"{type(self.load).__name__} {first} to {last} in {several(loads.size, 'state')}"
-
-
-def _first_entries(part: Part, load: Load) -> Part:
-    """Return the first entries of a part of a path, as many as there are loads."""
-    return first_entries(part, int(np.isfinite(load.value).sum()))

@@ -30,7 +30,7 @@ class Cases(NamedTuple):
     dims: tuple[str, ...]
 
     @property
-    def taken(self) -> set[str]:
+    def taken_names(self) -> set[str]:
         """The names that no output can have."""
         return {*self.dims, *self.names, *MARKS}
 
@@ -86,7 +86,7 @@ class Cases(NamedTuple):
         for name, (dims, values, attrs) in given.items():
             for each in (name, *dims):
                 is_clash = each in given and each in dims and given[each].dims != (each,)
-                if each in self.taken or is_clash or not str(each).isidentifier():
+                if each in self.taken_names or is_clash or not str(each).isidentifier():
                     which = "a name that is taken, or no identifier"
                     raise ValueError(f"The case returned {which}, {each!r}: choose another name.")
             attrs = {key: np.array(x).item() for key, x in attrs.items() if np.isscalar(x)}

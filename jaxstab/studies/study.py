@@ -248,7 +248,7 @@ def _agree(
     done = {path: case for path, case in found.items() if _is_successful(case)}
     errors = {path: x["error"].values.item() for path, x in found.items() if path not in done}
     forms = {
-        path: {name: _form(name, x) for name, x in case.items() if name not in cases.taken}
+        path: {name: _form(name, x) for name, x in case.items() if name not in cases.taken_names}
         for path, case in done.items()
     }
     counts = Counter(json.dumps(forms[x]) for x in [x for x in done if x in before] or done)

@@ -82,14 +82,14 @@ class CaseWorker:
             _require_kept(name, x)
         self._begin(cases)
         start = perf_counter()
-        returned = jax.device_get(self._batched(values))
+        returned = jax.device_get(self._batch_program(values))
         seconds = (perf_counter() - start) / len(cases)
         for i, case in enumerate(cases):
             self._keep(case, jax.tree.map(lambda leaf, i=i: leaf[i], returned), seconds)
         return ""
 
     @cached_property
-    def _batched(self) -> Callable[..., object]:
+    def _batch_program(self) -> Callable[..., object]:
         return jax.jit(jax.vmap(lambda values: jax.jit(self.case)(**values)))
 
     def _keep(self, case: Case, returned: object, seconds: float, error: str = "") -> None:

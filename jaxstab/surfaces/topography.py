@@ -195,7 +195,7 @@ class Topography:
         """
         level = self
         if order is None:
-            level = self._joined
+            level = self._without_tilt
             order = 0 if level.edges_meet else 1
         # Filled before, a gap at the edge of a tilted map would be level, and a summit or a pit.
         level = level.detrended(order)
@@ -207,7 +207,7 @@ class Topography:
         return level
 
     @property
-    def _joined(self) -> "Topography":
+    def _without_tilt(self) -> "Topography":
         """A tilted periodic surface without its tilt, any other surface as it is."""
         if self.edges_meet:
             return self

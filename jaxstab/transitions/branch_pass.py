@@ -165,18 +165,18 @@ def _branch(contact: Contact, load: Load, start: Equilibrium) -> Iterator[tuple[
             # The load turns back within this step.
             branch = _with_shorter_step(problem, branch)
         elif leaves and new.step.is_new:
-            problem, branch = _coming_back(problem, new)
+            problem, branch = _turn_back(problem, new)
             leaves = False
         else:
             branch = new
             if not leaves:
-                branch = _unless_apart(problem, branch)
+                branch = _end_if_apart(problem, branch)
         is_at_load = not leaves and bool(branch.end == ENDS.load)
         if branch.step.is_new or not branch.is_on:
             advance_if_known(branch)
             yield branch, is_at_load
         if is_at_load:
-            problem, branch = _leaving(problem, branch)
+            problem, branch = _go_on(problem, branch)
             leaves = True
         if not branch.is_on:
             return
@@ -204,7 +204,7 @@ def _with_shorter_step(problem: ContinuationProblem, branch: BranchState) -> Bra
 
 
 @program
-def _coming_back(
+def _turn_back(
     problem: ContinuationProblem, branch: BranchState
 ) -> tuple[ContinuationProblem, BranchState]:
     """Return the problem of a branch that is to come back to its first load."""
@@ -213,7 +213,7 @@ def _coming_back(
 
 
 @program
-def _unless_apart(problem: ContinuationProblem, branch: BranchState) -> BranchState:
+def _end_if_apart(problem: ContinuationProblem, branch: BranchState) -> BranchState:
     """Return a branch, at its end where surfaces go apart, though its last load comes later."""
     is_apart = (branch.end == ENDS.states) & goes_apart(problem.curve, branch.step)
     end = ENDS.where(is_apart, ENDS.separated, branch.end)
@@ -221,7 +221,7 @@ def _unless_apart(problem: ContinuationProblem, branch: BranchState) -> BranchSt
 
 
 @program
-def _leaving(
+def _go_on(
     problem: ContinuationProblem, branch: BranchState
 ) -> tuple[ContinuationProblem, BranchState]:
     """Return the problem of a branch that goes on from its last load."""

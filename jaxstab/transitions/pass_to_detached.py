@@ -47,12 +47,12 @@ def largest_climb(
     problem = pose(contact, load)
     inputs = problem.contact, problem.state
     first = start_of(*inputs, start)
-    found, is_direct = pass_to_detached(IMAGES, _largest, *inputs, first)
+
+    def largest(climbs: list[Climb]) -> Climb:
+        return max(climbs, key=lambda climb: climb.height)
+
+    found, is_direct = pass_to_detached(IMAGES, largest, *inputs, first)
     return finish(found, problem, lambda _: NOT_DETACHED.format(load), True), is_direct
-
-
-def _largest(climbs: list[Climb]) -> Climb:
-    return max(climbs, key=lambda climb: climb.height)
 
 
 def pulls(load: Load) -> bool:

@@ -32,7 +32,7 @@ def test_it_meets_a_tension_that_there_is_and_soon_gives_up_one_that_there_is_no
 
     nothing = jax.tree.map(jnp.zeros_like, at)
     here = on_plane(row, row.times(at), unit)
-    tangent = place_of(curve, Undirected(at, at.gap > 0, here, row), nothing).tangent
+    tangent = place_of(curve, Undirected(at, at.gap > 0, here, row, nothing)).tangent
     nearer = found_at(1.05 * row.times(at))
     assert nearer.is_found and 0 < nearer.num_steps <= 8
     net = curve.forces(nearer.place.at, at.gap > 0).net
