@@ -46,35 +46,37 @@ SPECTRUM = ("hurst", "k_low", "k_rolloff", "k_high", "rms_height")
 OF_A_FILE = ("lengths", "unit", "channel")
 _DEFAULT = " (default %(default)s)"
 
-# The library's advice, and its equivalent on the command line.
-_ADVICE = (
-    (r"`js\.surfaces\.read\(path, lengths=\(3\.0, 1\.4\)\)`", "--lengths 3 1.4"),
-    (r"`Topography\.detrended\(\)`", "--detrend 1"),
-    (r'`Topography\.periodic\("mirror"\)`', "--periodic mirror"),
-    (r'or "window", which', "or --periodic window, which"),
-    (r" and fill them by `Topography\.filled\(\)`|, as by `js\.surfaces\.Topo[^`]*`", ""),
-    (r"use float64", "use --precision float64"),
-    (r"A grid of (\d+) x \1 would do", r"\g<0> (--size \1 of a generated surface)"),
-    (r"or give the option (--import)", r"or give \1"),
-    (r" by jaxstab\.follow", " by --study loop"),
-    (r", or give overwrite=True", ""),
-)
+# The code in the library's advice, beside names of arguments, and its equivalent as options.
+_OPTIONS = {
+    "js.surfaces.read(path, lengths=(3.0, 1.4))": "--lengths 3 1.4",
+    "Topography.detrended()": "--detrend 1",
+    # Any treatment fills missing points.
+    "Topography.filled()": "--detrend 1",
+    "js.surfaces.Topography(grid, heights).filled()": "--detrend 1",
+    'Topography.periodic("mirror")': "--periodic mirror",
+    'Topography.periodic("window")': "--periodic window",
+    "float64": "--precision float64",
+    "jaxstab.follow": "--study loop",
+}
 
 
 def in_options(message: str) -> str:
-    """Return a message with its advice as options of the command line."""
-    for pattern, advice in _ADVICE:
-        message = re.sub(pattern, advice, message)
+    """Return a message with the code between its backticks as options of the command line.
+
+    Code without an equivalent stays: an argument becomes an option of its name, if there is one.
+    """
     known = " ".join(parser.format_usage() for parser in _parsers()[1].values())
 
-    def option(quoted: re.Match[str]) -> str:
-        name = option_of(quoted[1])
-        value = quoted[2].removeprefix("True")
-        if f"[{name}" not in known:
-            return quoted[0]
-        return f"{name} {value}".strip()
+    def option(code: str) -> str:
+        name, _, value = code.partition("=")
+        if code not in _OPTIONS and f"[{option_of(name)}" in known:
+            value = value.strip('"').removeprefix("True")
+            return f"{option_of(name)} {value}".strip()
+        return _OPTIONS.get(code, f"`{code}`")
 
-    return re.sub(r'`(\w+)=?"?(\w*)"?`', option, message)
+    parts = message.split("`")
+    parts[1::2] = map(option, parts[1::2])
+    return "".join(parts)
 
 
 def read(arguments: list[str]) -> tuple[str, argparse.Namespace]:

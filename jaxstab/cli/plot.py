@@ -40,6 +40,8 @@ def run(options: argparse.Namespace) -> None:
                 f"--state is {options.state}: {options.file} has {number} states of a sweep."
             )
         result = result[options.state]
+    if options.output is not None and options.output.exists():
+        raise FileExistsError(f"{options.output} exists, and is not overwritten: choose another.")
     figure = _figure(contact, result)
     output = options.output or _free_name(options.file.with_suffix(".png"))
     print(plots.save(figure, output, width=options.width))

@@ -29,7 +29,7 @@ class RESULTS(Enumeration):
     )
     stagnated = member(
         "the residual stopped falling before it reached the tolerance. Either the tolerance is "
-        "finer than the precision allows: loosen it, or use float64. Or the solver alternates "
+        "finer than the precision allows: loosen it, or use `float64`. Or the solver alternates "
         "between states: start elsewhere, for instance from a neighbouring load. Or the slope of "
         "the law jumps, where a point can rest in no balance: give a smooth law"
     )
@@ -66,11 +66,11 @@ class RESULTS(Enumeration):
     )
     no_fold = member(
         "between the two loads the critical eigenvalue does not vanish and no contact point is "
-        "released in a jump. Follow a path between them by jaxstab.follow, and narrow the bracket"
+        "released in a jump. Follow a path between them by `jaxstab.follow`, and narrow the bracket"
     )
     no_jump = member(
         "the surfaces separate without a jump, since the machine is stiff. Take the largest "
-        "tension of a path by jaxstab.follow, or a softer machine"
+        "tension of a path by `jaxstab.follow`, or a softer machine"
     )
     no_attraction = member(
         "the law attracts nowhere, so that nothing holds the surfaces together under tension. Give "

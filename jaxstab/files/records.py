@@ -256,7 +256,7 @@ def _class(path: str) -> type:
     if not is_own and module not in sys.modules:
         raise ValueError(
             f"The file names the class {path}, and a file imports no module: if you trust it, "
-            f"write `import {module}` before jaxstab.load, or give the option --import {module}."
+            f"write `import {module}` before jaxstab.load, or give the option --import."
         )
     found: object
     if is_own:

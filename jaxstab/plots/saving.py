@@ -99,7 +99,7 @@ def new_file(file: str | Path, endings: Collection[str], overwrite: bool) -> Pat
         raise ValueError(f"{path} has no ending that can be written: choose one of {known}.")
     if path.exists() and not overwrite:
         raise FileExistsError(
-            f"{path} exists, and is not overwritten: choose another name, or give overwrite=True."
+            f"{path} exists, and is not overwritten: choose another name, or give `overwrite=True`."
         )
     if not path.parent.is_dir():
         raise FileNotFoundError(f"The folder {path.parent} does not exist: make it first.")

@@ -188,7 +188,7 @@ def require_smooth(profile: Profile) -> None:
             if profile.gaps.dtype == np.float32:
                 cure += (
                     " In single precision a formula can leave the range where its value does not: "
-                    "use float64, or write it by ratios of lengths."
+                    "use `float64`, or write it by ratios of lengths."
                 )
             raise ValueError(
                 f"The potential's{name} value at a gap of {gap:.6g} is {value}: {cure}"

@@ -56,8 +56,8 @@ def looks_wrong(heights: np.ndarray) -> list[str]:
                 f"opposite edges do not meet along {name}: the rms jump across the periodic edge "
                 f"is {jump:.3g}, {jump / inside:.3g} times the rms "
                 f"increment between neighbours ({inside:.3g}). Make it periodic by "
-                '`Topography.periodic("mirror")`, which keeps its statistics, or "window", which '
-                "keeps its size."
+                '`Topography.periodic("mirror")`, which keeps its statistics, or '
+                '`Topography.periodic("window")`, which keeps its size.'
             )
     return sentences
 
@@ -158,8 +158,8 @@ def _marks_missing(heights: np.ndarray) -> list[str]:
             if np.abs(others - mark).min() > _FAR_OFF * extent > 0:
                 return [
                     f"{count} of {heights.size} heights are {mark:.6g}, while all others lie "
-                    f"within {extent:.3g}: if this number marks missing points, replace it by nan "
-                    "and fill them by `Topography.filled()`."
+                    f"within {extent:.3g}: if this number marks missing points, replace it by nan, "
+                    "which `Topography.filled()` then fills."
                 ]
     return []
 

@@ -158,16 +158,14 @@ def test_advice_has_the_form_of_the_command_line(tmp_path, capsys):
     assert "as in --lengths 3 1.4." in capsys.readouterr().err
     for python, options in (
         (
-            'by `Topography.periodic("mirror")`, which keeps a, or "window", which keeps b.',
+            'by `Topography.periodic("mirror")`, which keeps a, or '
+            '`Topography.periodic("window")`, which keeps b.',
             "by --periodic mirror, which keeps a, or --periodic window, which keeps b.",
         ),
         ("locate fewer jumps (`smallest_jump`)", "locate fewer jumps (--smallest-jump)"),
         ('choose `width="double"`.', "choose --width double."),
         ("leave out `lengths=`, `mu`", "leave out --lengths, `mu`"),
-        (
-            "A grid of 64 x 64 would do, or",
-            "A grid of 64 x 64 would do (--size 64 of a generated surface), or",
-        ),
+        ("loosen it, or use `float64`.", "loosen it, or use --precision float64."),
     ):
         assert in_options(python) == options
 

@@ -152,7 +152,7 @@ def test_what_cannot_be_filmed_is_told(hertz, loop, tmp_path):
     with pytest.raises(TypeError, match="States is not a path"):
         plots.animation(hertz, loop.equilibrium, file)
     file.touch()
-    with pytest.raises(FileExistsError, match="or give overwrite=True"):
+    with pytest.raises(FileExistsError, match="or give `overwrite=True`"):
         plots.animation(hertz, loop, file)
 
 

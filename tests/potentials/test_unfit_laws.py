@@ -193,7 +193,7 @@ def test_a_formula_that_leaves_the_range_of_single_precision_is_refused():
 
     solid = js.HalfSpace(js.Grid(8, 1e-6), 1e9)
     assert js.Contact(solid, jnp.zeros((8, 8)), law).has_core
-    with pytest.raises(ValueError, match=r"curvature value at a gap of .* is inf.*use float64"):
+    with pytest.raises(ValueError, match=r"curvature value at a gap of .* is inf.*use `float64`"):
         js.Contact(solid, jnp.zeros((8, 8), jnp.float32), law)
 
 
