@@ -1,16 +1,13 @@
 """Contacts and states that tests of files save, and the comparison with the loaded ones."""
 
-import json
-import zlib
-
 import equinox as eqx
-import h5netcdf
 import jax
 import jax.numpy as jnp
 import numpy as np
 from problems import state_of
 
 import jaxstab as js
+from jaxstab.core.checked_netcdf import Content, read, write
 
 SHAPE, LENGTHS = (16, 12), (1.0, 0.7)
 
@@ -54,11 +51,9 @@ def assert_same_bits(one, other):
         assert (x.dtype, x.shape, x.tobytes()) == (y.dtype, y.shape, y.tobytes())
 
 
-def rewrite(path, old, new):
-    """Change the structure of a file, and its checksum, as another program could."""
-    with h5netcdf.File(path, "r+") as file:
-        structure, checksums = file.attrs["structure"], json.loads(file.attrs["checksums"])
-        assert old in structure
-        structure = structure.replace(old, new)
-        checksums["structure"] = zlib.crc32(structure.encode())
-        file.attrs["structure"], file.attrs["checksums"] = structure, json.dumps(checksums)
+def rewrite(path, old, new, name="structure"):
+    """Change an attribute of a file, the structure for one, as another program could; sign it."""
+    variables, attrs = read(path, may_be_renamed=True)
+    assert old in attrs[name]
+    attrs[name] = attrs[name].replace(old, new)
+    write(path, Content(variables, attrs), may_be_renamed=True)

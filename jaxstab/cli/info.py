@@ -32,7 +32,7 @@ def run(options: argparse.Namespace) -> None:
         )
     print(attributes["title"])
     for name, text in attributes.items():
-        if name not in ("title", "structure", "checksums", "class", "curve", "fit"):
+        if name not in ("title", "structure", "class", "curve", "fit"):
             print(f"  {name.replace('_', ' ')}: {text}")
     if "class" in attributes:
         print(f"\n{load(options.file)}")

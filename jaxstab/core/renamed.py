@@ -5,10 +5,7 @@ from typing import Any
 
 
 class Renamed(property):
-    """A property that forwards to an attribute of another name, with a `DeprecationWarning`.
-
-    Files of before hold the field under the old name.
-    """
+    """A property that forwards to an attribute of another name, with a `DeprecationWarning`."""
 
     def __init__(self, name: str) -> None:
         super().__init__(self._forward, doc=f"The same as `{name}`, with a `DeprecationWarning`.")
@@ -22,11 +19,3 @@ class Renamed(property):
         message = f"{kind}.{self.old} is now {kind}.{self.name}."
         warnings.warn(message, DeprecationWarning, stacklevel=2)
         return getattr(instance, self.name)
-
-
-def new_name(kind: type, name: str) -> str:
-    """Return the name that a field of a class has now."""
-    found = vars(kind).get(name)
-    if isinstance(found, Renamed):
-        return found.name
-    return name

@@ -53,7 +53,7 @@ Result = (
 )
 
 # The number of the format, to be raised when this version could not read files of the next.
-FORMAT = 3
+FORMAT = 4
 # The order of a material's moduli in a coated half space.
 _MODULI = ("youngs_modulus", "poisson_ratio")
 # The long names of fields whose own names do not explain them.

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import json
 import os
-import zlib
-from collections.abc import Hashable, Iterator
-from contextlib import contextmanager
+from collections.abc import Mapping
 from dataclasses import replace
 from importlib import import_module
 from importlib.util import find_spec
@@ -19,7 +17,8 @@ from jax.typing import DTypeLike
 
 import jaxstab
 from jaxstab.contact import Contact
-from jaxstab.core.atomic_write import write_whole
+from jaxstab.core import checked_netcdf
+from jaxstab.core.checked_netcdf import Attributes, Content, Damaged, Variable
 from jaxstab.core.checks import require_kind
 from jaxstab.core.optional_packages import NETCDF, require_packages
 from jaxstab.core.warn import warn
@@ -34,12 +33,8 @@ if TYPE_CHECKING:
 
 # The first bytes of a NetCDF file.
 _MAGIC = b"\x89HDF"
-# Arrays of more numbers are compressed.
-_LARGE = 1000
-# The attribute that names the class of an object written alone, and those that such objects keep
-# what is in no array in.
+# The attribute that names the class of an object written alone.
 _CLASS = "class"
-_DESCRIPTIONS = _CLASS, "curve", "fit"
 _PACKAGE = jaxstab.__name__
 
 
@@ -120,10 +115,13 @@ def save(
         if path.is_file() and not path.stat().st_size:
             left = "is empty, perhaps left by a process that was killed"
         raise FileExistsError(f"{path} {left}: delete it, or give another name.") from None
+    variables = {
+        str(name): Variable(tuple(map(str, array.dims)), array.values, array.attrs)
+        for name, array in dataset.variables.items()
+    }
     try:
-        dataset.attrs["checksums"] = json.dumps(_checksums(_arrays(dataset), dataset.attrs))
-        # In memory first: on a full disk HDF5 ends the process.
-        write_whole(path, dataset.to_netcdf(engine="h5netcdf", encoding=_encoding(dataset)))
+        content = Content(variables, dataset.attrs)
+        checked_netcdf.write(path, content, may_be_renamed=True)
     except BaseException:
         path.unlink()
         raise
@@ -160,16 +158,22 @@ def load(path: str | Path, *, potential: Potential | None = None) -> Any:
         '-0.1768'
     """
     path = Path(path)
-    with _open(path) as file:
-        dataset = file.load()
-    arrays = _arrays(dataset)
-    attributes = dict(dataset.attrs)
+    require_packages("NetCDF files", "data", *NETCDF)
+    if not path.exists():
+        raise FileNotFoundError(f"There is no file {path}.")
+    try:
+        variables, attributes = checked_netcdf.read(path, may_be_renamed=True)
+    except Damaged:
+        # It may be of another program or format.
+        _require_format(path, _attributes_of(path))
+        raise ValueError(f"{path} was changed since it was written, or is damaged.") from None
     _require_format(path, attributes)
-    damaged = _damaged_parts(arrays, attributes)
-    if damaged:
-        raise ValueError(f"{path} was changed since it was written, or is damaged: {damaged[0]}.")
     if _CLASS in attributes:
-        return _described_class(path, attributes[_CLASS]).from_dataset(dataset)
+        import xarray
+
+        kind = _described_class(path, attributes[_CLASS])
+        return kind.from_dataset(xarray.Dataset(variables, attrs=attributes))
+    arrays = {name: variable.values for name, variable in variables.items()}
     structure = json.loads(attributes["structure"])
     is_double = any(a.dtype.kind in "fiu" and a.dtype.itemsize == 8 for a in arrays.values())
     if is_double and jax.dtypes.canonicalize_dtype(np.float64) != np.float64:
@@ -191,15 +195,25 @@ def load(path: str | Path, *, potential: Potential | None = None) -> Any:
     return contact, result
 
 
-def attributes_of(path: str | Path) -> dict[str, str] | None:
+def attributes_of(path: str | Path) -> Attributes | None:
     """Return the attributes of a file that `save` wrote, None for any other file."""
     with Path(path).open("rb") as file:
         if file.read(len(_MAGIC)) != _MAGIC:
             return None
-    with _open(Path(path)) as dataset:
-        if "versions" not in dataset.attrs:
-            return None
-        return dict(dataset.attrs)
+    attributes = _attributes_of(Path(path))
+    if "versions" not in attributes:
+        return None
+    return attributes
+
+
+def _attributes_of(path: Path) -> Attributes:
+    """Return the attributes of a NetCDF file; `ValueError` if it is damaged where they are read."""
+    require_packages("NetCDF files", "data", *NETCDF)
+    try:
+        return checked_netcdf.attributes_of(path)
+    except OSError as error:
+        message = f"{path} is no readable NetCDF file, or it is damaged."
+        raise ValueError(message) from error
 
 
 def _named(described: _Described) -> dict[str, str]:
@@ -220,67 +234,7 @@ def _described_class(path: Path, name: str) -> type[_Described]:
     return found
 
 
-def _arrays(dataset: xarray.Dataset) -> dict[str, np.ndarray]:
-    return {str(name): np.asarray(array) for name, array in dataset.variables.items()}
-
-
-def _checksums(arrays: dict[str, np.ndarray], attributes: dict[str, str]) -> dict[str, int]:
-    """Return the checksums of all arrays, and of the texts that tell what they are."""
-    # A changed byte may leave no valid text.
-    contents: dict[str, Any] = {
-        name: attributes.get(name, "").encode(errors="surrogateescape")
-        for name in ("structure", *_DESCRIPTIONS)
-        if name == "structure" or name in attributes
-    }
-    for name, array in arrays.items():
-        if array.dtype.kind in "fiub":
-            # Large arrays are not copied.
-            contents[name] = np.ascontiguousarray(array)
-        else:
-            contents[name] = "\n".join(array.ravel()).encode()
-    return {name: zlib.crc32(content) for name, content in contents.items()}
-
-
-def _damaged_parts(arrays: dict[str, np.ndarray], attributes: dict[str, str]) -> list[str]:
-    """Return the parts of a file that are lost, or whose checksums are not those written."""
-    try:
-        written = json.loads(attributes["checksums"])
-    except (KeyError, json.JSONDecodeError):
-        return ["checksums"]
-    found = _checksums(arrays, attributes)
-    return [name for name in written if found.get(name) != written[name]]
-
-
-def _encoding(dataset: xarray.Dataset) -> dict[Hashable, dict[str, object]]:
-    # Numbers as they are: no value stands for a missing one.
-    plain: dict[str, object] = {"_FillValue": None}
-    packed = {**plain, "fletcher32": True, "zlib": True, "complevel": 1, "shuffle": True}
-    encoding: dict[Hashable, dict[str, object]] = {}
-    for name, array in dataset.variables.items():
-        if array.dtype.kind in "fiub":
-            encoding[name] = plain
-            if array.size > _LARGE:
-                encoding[name] = packed
-    return encoding
-
-
-@contextmanager
-def _open(path: Path) -> Iterator[xarray.Dataset]:
-    """Open a NetCDF file; `ValueError` if it is damaged where it is read."""
-    require_packages("NetCDF files", "data", *NETCDF)
-    import xarray
-
-    if not path.exists():
-        raise FileNotFoundError(f"There is no file {path}.")
-    try:
-        with xarray.open_dataset(path, engine="h5netcdf", decode_times=False) as dataset:
-            yield dataset
-    except (OSError, ValueError, KeyError, RuntimeError) as error:
-        message = f"{path} is no readable NetCDF file, or it is damaged."
-        raise ValueError(message) from error
-
-
-def _require_format(path: Path, attributes: dict[str, str]) -> None:
+def _require_format(path: Path, attributes: Attributes) -> None:
     if "versions" not in attributes:
         raise ValueError(f"{path} was not written by jaxstab.save.")
     if "structure" not in attributes and _CLASS not in attributes:
@@ -292,14 +246,17 @@ def _require_format(path: Path, attributes: dict[str, str]) -> None:
     number = int(attributes.get("format", 1))
     if number != FORMAT:
         raise ValueError(
-            f"{path} is of format {number}, and this version reads format {FORMAT}: install "
-            f"jaxstab {json.loads(attributes['versions'])['jaxstab']}, which wrote it, or compute "
-            "it anew."
+            f"{path} is of format {number}, and this version reads format {FORMAT}: compute it "
+            "anew, or read it with the version that wrote it, "
+            f"jaxstab {json.loads(attributes['versions'])['jaxstab']}."
         )
 
 
 def _law(
-    structure: Structure, arrays: dict[str, np.ndarray], given: Potential | None, dtype: DTypeLike
+    structure: Structure,
+    arrays: Mapping[str, np.ndarray],
+    given: Potential | None,
+    dtype: DTypeLike,
 ) -> Potential:
     if given is not None:
         return as_module(given, dtype)

@@ -21,7 +21,6 @@ from jaxstab.core.closures import BareFunction
 from jaxstab.core.enumeration import Enumeration
 from jaxstab.core.grid import Mesh
 from jaxstab.core.history import History
-from jaxstab.core.renamed import new_name
 from jaxstab.core.units import Units, declared_dimensions
 
 # A structure is JSON, as Python objects.
@@ -123,6 +122,10 @@ class Recorder:
         if "<locals>" in kind or not isinstance(value, eqx.Module):
             return {"function": kind}
         parts = {field.name: getattr(value, field.name) for field in fields(value)}
+
+        def has_parts(part: object) -> bool:
+            return isinstance(part, eqx.Module) and not isinstance(part, Enumeration)
+
         # A module's own arrays have a name before those of its parts: its result is `result`.
         contents = {
             name: self.structure(
@@ -132,7 +135,7 @@ class Recorder:
                 None,
                 declared_dimensions(type(value)).get(name, ()),
             )
-            for name, part in sorted(parts.items(), key=lambda item: _has_parts(item[1]))
+            for name, part in sorted(parts.items(), key=lambda item: has_parts(item[1]))
         }
         if isinstance(value, History):
             self.indicators[contents["table"]["array"]] = ["step", *value.names]
@@ -174,18 +177,11 @@ class Recorder:
         return tuple(f"{name}_{i}" for i in range(len(shape)))
 
 
-def _has_parts(value: object) -> bool:
-    return isinstance(value, eqx.Module) and not isinstance(value, Enumeration)
-
-
 def restore(structure: Structure, arrays: Mapping[str, np.ndarray]) -> PyTree:
     """Return the pytree of a structure and its arrays."""
     if structure is None:
         return None
     match structure:
-        case {"members": "KINDS", "array": "end"}:
-            # The ends of branches were kinds of events once.
-            return restore({"members": "ENDS", "array": "end"}, arrays)
         case {"members": str(name), "array": str(array)}:
             members = _public(f"{_PACKAGE}:{name}")
             if not (isinstance(members, type) and issubclass(members, Enumeration)):
@@ -213,7 +209,6 @@ def restore(structure: Structure, arrays: Mapping[str, np.ndarray]) -> PyTree:
 def _module(path: str, contents: dict[str, Structure], arrays: Mapping[str, np.ndarray]) -> PyTree:
     """Return a module of a class, which is neither imported nor called."""
     found = _class(path)
-    contents = {new_name(found, name): part for name, part in contents.items()}
     defaults = {field.name: field.default for field in fields(found)}
     # A file may be older than a field that has a default.
     absent = {name: default for name, default in defaults.items() if name not in contents}

@@ -10,9 +10,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from jaxstab.core.checked_netcdf import Content, Variable, Variables, write
 from jaxstab.core.checks import require_no_unit
 from jaxstab.core.enumeration import Enumeration
-from jaxstab.studies.checked_netcdf import Variable, Variables, write
 
 # The dimension of listed combinations; the columns of each case beside its outputs; the record.
 LISTED = "case"
@@ -68,7 +68,7 @@ class Cases(NamedTuple):
             result = "failed"
         for name, x in zip(MARKS, (result, seconds, error), strict=True):
             own[name] = Variable(self.dims, np.array(x)[(None,) * len(self.dims)], attrs)
-        write(self.file(case), own | outputs)
+        write(self.file(case), Content(own | outputs, {}))
 
     def outputs_of(self, returned: object) -> Variables:
         """Return a dict of arrays, or a data set, with the axes before other dimensions."""

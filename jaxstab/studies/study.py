@@ -21,13 +21,13 @@ import numpy as np
 from jaxtyping import PyTree
 
 from jaxstab.core.atomic_write import write_whole
+from jaxstab.core.checked_netcdf import Damaged, Variable, Variables, read
 from jaxstab.core.checks import integer, require
 from jaxstab.core.interrupts import interrupts_held
 from jaxstab.core.optional_packages import require_packages, versions
 from jaxstab.core.progress import progress_bar
 from jaxstab.core.warn import warn
 from jaxstab.studies.cases import LISTED, MARKS, RECORD, Case, Cases, read_axes
-from jaxstab.studies.checked_netcdf import Damaged, Variable, Variables, read
 from jaxstab.studies.executors import run_tasks
 from jaxstab.studies.worker import CaseWorker
 
@@ -226,7 +226,7 @@ def _read(paths: Iterable[Path], files: Mapping[Path, Case]) -> dict[Path, Varia
         with suppress(FileNotFoundError):
             if path.suffix == ".nc":
                 try:
-                    found[path] = read(path, LARGE // len(files))
+                    found[path] = read(path, LARGE // len(files)).variables
                 except Damaged as error:
                     damaged.append(str(error))
                     path.rename(f"{path}.{uuid4().hex[:8]}.damaged")
@@ -271,7 +271,7 @@ def _agree(
                 with suppress(FileNotFoundError):
                     path.rename(kept)
             cases.write(files[path], blank, found[path]["seconds"].values.item(), error)
-            found[path] = read(path)
+            found[path] = read(path).variables
     return blank
 
 
@@ -329,7 +329,7 @@ def _dataset(
                 parts.append(value)
             elif is_large:
                 part: Any = delayed(read)(path)
-                part = part[name].values.astype(value.dtype)
+                part = part.variables[name].values.astype(value.dtype)
                 parts.append(dask.array.from_delayed(part, value.shape, value.dtype))
             else:
                 parts.append(case[name].values)

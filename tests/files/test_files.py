@@ -15,6 +15,7 @@ from problems import state_of
 from saved import BUMPY, LENGTHS, SHAPE, assert_same_bits, contact_of, rewrite
 
 import jaxstab as js
+from jaxstab.core import checked_netcdf
 from jaxstab.files.records import Recorder, restore
 
 
@@ -130,7 +131,7 @@ def test_nothing_is_overwritten_and_no_half_of_a_file_is_left(plain, tmp_path, m
     def interrupted(*_, **__):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(xarray.Dataset, "to_netcdf", interrupted)
+    monkeypatch.setattr(checked_netcdf, "write_whole", interrupted)
     with pytest.raises(KeyboardInterrupt):
         js.save(tmp_path / "b.nc", contact, sweep)
     assert [file.name for file in tmp_path.iterdir()] == ["a.nc"]
@@ -198,13 +199,11 @@ def test_changed_numbers_and_damaged_structures_are_refused_in_a_sentence(plain,
     for value, place in ((contact.heights, 100), (state.energy, 0)):
         start = content.find(np.asarray(value).tobytes())
         assert start > 0 and refuses(start + place)
-    # A number of the structure, and a checksum.
-    for text in (b'"value": ', b'"heights": '):
-        assert refuses(content.find(text) + len(text))
+    # A number of the structure.
+    assert refuses(content.find(b'"value": ') + len(b'"value": '))
     # Here the structure is no valid text.
     assert refuses(content.find(b'"value": ') + 2, bit=0x80)
-    # HDF5 raises errors of several classes; padding is never read.
-    assert sum(map(refuses, range(0, len(content), len(content) // 20))) > 5
+    assert all(map(refuses, range(0, len(content), len(content) // 20)))
 
 
 @pytest.mark.parametrize(
@@ -233,7 +232,7 @@ def test_a_file_of_another_format_is_refused_with_both_numbers(plain, tmp_path, 
         del file.attrs["format"]
         if number != 1:
             file.attrs["format"] = number
-    with pytest.raises(ValueError, match=rf"of format {number}, and .* reads format {own}: inst"):
+    with pytest.raises(ValueError, match=rf"of format {number}, and .* reads format {own}: comp"):
         js.load(path)
 
 
@@ -250,11 +249,11 @@ def test_a_file_that_lacks_something_says_what(plain, tmp_path):
     for name in ("gap", "law_energy"):
         less = tmp_path / f"{name}.nc"
         xarray.load_dataset(path).drop_vars(name).to_netcdf(less, engine="h5netcdf")
-        with pytest.raises(ValueError, match=f"was changed since .* damaged: {name}"):
+        with pytest.raises(ValueError, match=rf"{name}.nc was changed since .* damaged"):
             js.load(less)
     with h5netcdf.File(path, "r+") as file:
         file.attrs["structure"] = "{"
-    with pytest.raises(ValueError, match=r"run.nc was changed since .* damaged: structure"):
+    with pytest.raises(ValueError, match=r"run.nc was changed since .* damaged"):
         js.load(path)
 
 

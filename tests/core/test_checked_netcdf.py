@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 import xarray
 
-from jaxstab.studies.checked_netcdf import Damaged, Variable, read, write
+from jaxstab.core.checked_netcdf import Content, Damaged, Variable, read, write
 
 DIMS = ("seed", "x", "y")
 VARIABLES = {
@@ -13,14 +13,21 @@ VARIABLES = {
     "flag": Variable(DIMS[:1], np.array([True])),
     "word": Variable(DIMS[:2], np.array([["ä", "", "ccc"]])),
     "x": Variable(("x",), np.arange(3.0)),
+    "large": Variable(("long",), np.arange(2000)),
+    "scalar": Variable((), np.array(1.5)),
+    "scalar_word": Variable((), np.array("ä")),
+    "none": Variable(("no",), np.zeros(0)),
 }
+CONTENT = Content(VARIABLES, {"title": "a file", "format": 7, "empty": "", "long": "é" * 70_000})
 
 
 @pytest.mark.parametrize("step", [97, pytest.param(1, marks=pytest.mark.nightly)])
 def test_every_changed_byte_of_a_file_is_found(step, tmp_path):
     file = tmp_path / "case.nc"
-    write(file, VARIABLES)
-    content, found = file.read_bytes(), read(file)
+    write(file, CONTENT)
+    content = file.read_bytes()
+    found, attrs = read(file)
+    assert attrs == CONTENT.attrs
     assert found.keys() == VARIABLES.keys()
     for name, (dims, values, attrs) in VARIABLES.items():
         assert found[name].dims == dims and found[name].attrs == attrs
@@ -35,11 +42,11 @@ def test_every_changed_byte_of_a_file_is_found(step, tmp_path):
 
 def test_hdf5_itself_finds_a_changed_number_of_any_variable(tmp_path):
     file, places = tmp_path / "case.nc", {}
-    write(file, VARIABLES)
+    write(file, CONTENT)
     content = file.read_bytes()
     with h5py.File(file) as opened:
-        # Words have no checksum but the digest of the file.
-        for name in VARIABLES.keys() - {"word"}:
+        # Words and scalars have no checksum but the digest of the file.
+        for name in VARIABLES.keys() - {"word", "scalar", "scalar_word", "none"}:
             places[name] = opened[name].id.get_chunk_info(0).byte_offset
     for name, place in places.items():
         changed = bytearray(content)
@@ -53,8 +60,9 @@ def test_hdf5_itself_finds_a_changed_number_of_any_variable(tmp_path):
 def test_xarray_reads_the_variables(engine, tmp_path):
     if engine == "netcdf4":
         pytest.importorskip("netCDF4")
-    write(tmp_path / "case.nc", VARIABLES)
+    write(tmp_path / "case.nc", CONTENT)
     dataset = xarray.load_dataset(tmp_path / "case.nc", engine=engine)
+    assert {name: dataset.attrs[name] for name in CONTENT.attrs} == CONTENT.attrs
     assert set(dataset.coords) == {"x"} and dataset["field"].attrs == {"units": "µm"}
     for name, (dims, values, _) in VARIABLES.items():
         assert dataset[name].dims == dims
