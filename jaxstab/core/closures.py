@@ -1,13 +1,15 @@
 """Python functions as pytrees of the arrays they close over, for use in any JAX transformation."""
 
-import re
-from collections.abc import Callable
+from collections.abc import Callable, Hashable
 from dataclasses import dataclass, field
+from typing import Any
 
 import equinox as eqx
 import jax
+import jax.core
 import jax.numpy as jnp
-from jax.extend.core import ClosedJaxpr, Jaxpr, jaxpr_as_fun
+import numpy as np
+from jax.extend.core import ClosedJaxpr, Jaxpr, Literal, Var, jaxpr_as_fun
 from jaxtyping import Array, PyTree
 
 _NEEDS_A_VALUE = (
@@ -15,10 +17,6 @@ _NEEDS_A_VALUE = (
     jax.errors.TracerArrayConversionError,
     jax.errors.TracerIntegerConversionError,
 )
-# A jaxpr's text omits some arrays: literals, and constants of a nested function.
-_HIDDEN = re.compile(r"\[\.\.\.\]|\{ lambda \w")
-# It has no more than the name of a derivative rule, or of a callback, which may read numbers.
-_NAMED_ONLY = re.compile(r"custom_\w+\[|callback")
 
 
 def as_pytree(
@@ -52,30 +50,36 @@ def as_pytree(
     return BareFunction(captured, Formula(function, arguments, closed.jaxpr))
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Formula:
-    """A traced function, equal to another one with the same jaxpr.
+    """A traced function, equal to another one that computes the same from its arguments.
 
     `jax.jit` compares function objects: it compiles anew for a function written anew, and misses a
-    changed number that the function reads. A function with a derivative rule or a callback equals
-    itself alone.
+    changed number that the function reads. What only Python can read, as a derivative rule or a
+    callback, must be one and the same, or that of the same function.
     """
 
-    function: Callable[..., Array] = field(compare=False)
-    arguments: tuple[jax.ShapeDtypeStruct, ...] = field(compare=False)
-    jaxpr: Jaxpr = field(compare=False)
-    key: tuple[int | None, str | Jaxpr] = field(init=False)
+    function: Callable[..., Array]
+    arguments: tuple[jax.ShapeDtypeStruct, ...]
+    jaxpr: Jaxpr
+    computation: Hashable = field(init=False)
+    opaque: list[Any] = field(init=False, default_factory=list)
+    number: int = field(init=False)
 
     def __post_init__(self) -> None:
-        text = str(self.jaxpr)
         # Otherwise all that the function reads is in the jaxpr or among the captured arrays.
-        identity = None
-        if _NAMED_ONLY.search(text):
-            identity = id(self.function)
-        shown: str | Jaxpr = text
-        if _HIDDEN.search(text, 1):
-            shown = self.jaxpr
-        object.__setattr__(self, "key", (identity, shown))
+        object.__setattr__(self, "computation", _computation(self.jaxpr, self.opaque))
+        # Computed once: each call of a compiled program asks for it.
+        object.__setattr__(self, "number", hash(self.computation))
+
+    def __hash__(self) -> int:
+        return self.number
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, Formula) or self.number != other.number:
+            return self is other
+        is_same = self.function is other.function or self.opaque == other.opaque
+        return self is other or (is_same and self.computation == other.computation)
 
     def __reduce__(self) -> tuple[object, ...]:
         # A jaxpr cannot be pickled; the function is pickled, or imported by its name.
@@ -109,7 +113,47 @@ def _trace(
     return jax.make_jaxpr(lambda *xs: function(*xs), return_shape=True)(*arguments)
 
 
-def _formula(
-    function: Callable[..., Array], arguments: tuple[jax.ShapeDtypeStruct, ...]
-) -> Formula:
-    return Formula(function, arguments, _trace(function, arguments)[0].jaxpr)
+def _formula(function: Callable[..., Array], argument: jax.ShapeDtypeStruct) -> Formula:
+    return Formula(function, argument, _trace(function, argument)[0].jaxpr)
+
+
+def _computation(part: Any, opaque: list[Any]) -> Hashable:
+    """Return the computation of a jaxpr or a part of one, equal for equal ones; add what has none.
+
+    Variables are numbered in order, and arrays are their bytes.
+    """
+    match part:
+        case ClosedJaxpr():
+            return _computation((part.jaxpr, part.consts), opaque)
+        case Jaxpr():
+            places: dict[Var, int] = {}
+
+            def place(atom: Any) -> Hashable:
+                if isinstance(atom, Literal):
+                    return atom.aval, _computation(atom.val, opaque)
+                return places.setdefault(atom, len(places)), atom.aval
+
+            inputs = *map(place, part.constvars), *map(place, part.invars)
+            equations = [
+                (
+                    equation.primitive,
+                    *map(place, (*equation.invars, *equation.outvars)),
+                    _computation(equation.params, opaque),
+                )
+                for equation in part.eqns
+            ]
+            return inputs, tuple(equations), tuple(map(place, part.outvars))
+        case tuple() | list():
+            return tuple(_computation(each, opaque) for each in part)
+        case dict():
+            return tuple((name, _computation(each, opaque)) for name, each in sorted(part.items()))
+        case jax.core.Tracer():
+            # The jaxpr holds it.
+            opaque.append(id(part))
+        case np.ndarray() | np.generic() | jax.Array():
+            return str(part.dtype), part.shape, np.asarray(part).tobytes()
+        case None | bool() | int() | float() | complex() | str():
+            return part
+        case _:
+            opaque.append(part)
+    return type(part)

@@ -94,6 +94,19 @@ def test_a_function_written_anew_compiles_nothing_unless_it_reads_another_number
             assert run._cache_size() == number
 
 
+def test_a_function_of_a_library_rule_compiles_nothing_and_one_of_its_own_only_when_it_is_new():
+    run = jax.jit(lambda function, x: function(x))
+    for _ in range(2):
+        np.testing.assert_allclose(
+            run(pytree(lambda x: jax.nn.softplus(x)), X), np.log1p(np.exp(X))
+        )
+    assert run._cache_size() == 1
+    own = by_a_jvp(2.0)
+    for function in (own, own, by_a_jvp(2.0)):
+        run(pytree(function), X)
+    assert run._cache_size() == 3
+
+
 def test_functions_of_other_code_are_told_apart():
     run = jax.jit(lambda function, x: function(x))
     forms = [lambda x: 2 * x, lambda x: x / 2, partial(pow, 2.0), Doubled(3.0).law]
