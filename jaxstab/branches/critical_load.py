@@ -144,7 +144,7 @@ def _is_answer(limit: Limit) -> Flag:
     return limit.is_found | (limit.result == RESULTS.lost_branch)
 
 
-class _Search(eqx.Module):
+class _CriticalSearch(eqx.Module):
     """The limit of the branch before, or none yet, and where the next branch is sought.
 
     Attributes:
@@ -182,7 +182,7 @@ def _limit(contact: Contact, loads: Load, start: Field) -> Limit:
     6. If it is any other limit, or the branch has none, that is the answer.
     """
 
-    def next_limit(search: _Search) -> _Search:
+    def next_limit(search: _CriticalSearch) -> _CriticalSearch:
         # In single precision a looser solver takes the last state of a branch for balanced behind
         # its end: it goes on as far as rounding allows, which is close enough.
         tolerance = AT_STATES[contact.heights.dtype.name]
@@ -203,7 +203,7 @@ def _limit(contact: Contact, loads: Load, start: Field) -> Limit:
 
 
 @program
-def search_from(contact: Contact, loads: Load, start: Field) -> _Search:
+def search_from(contact: Contact, loads: Load, start: Field) -> _CriticalSearch:
     """Return that no limit is known, and the search for the first branch."""
     dtype = contact.heights.dtype
     loads = loads.at(loads.value.astype(dtype))
@@ -213,7 +213,7 @@ def search_from(contact: Contact, loads: Load, start: Field) -> _Search:
     is_open = (loads.value[1] - loads.value[0]) ** 2 > 0
     none = no_limit(contact, loads[0], start)
     number = jnp.zeros((), int)
-    return _Search(none, loads, _just_beyond(loads), infinite, number, no, no, is_open)
+    return _CriticalSearch(none, loads, _just_beyond(loads), infinite, number, no, no, is_open)
 
 
 def _just_beyond(loads: Load) -> Scalar:
@@ -224,7 +224,9 @@ def _just_beyond(loads: Load) -> Scalar:
 
 
 @program
-def leaves_branch(contact: Contact, search: _Search, found: Equilibrium) -> tuple[RESULTS, Flag]:
+def leaves_branch(
+    contact: Contact, search: _CriticalSearch, found: Equilibrium
+) -> tuple[RESULTS, Flag]:
     """Return how an equilibrium was found, and whether the branch was left for good before it."""
     close = 10 * EQUILIBRIUM[contact.heights.dtype.name]
     is_close = (found.result == RESULTS.stagnated) & (found.residual <= close)
@@ -264,8 +266,8 @@ def _if_stable(branch: BranchState) -> tuple[RESULTS, Flag]:
 
 @program
 def _search_after(
-    search: _Search, loads: Load, limit: Limit, is_stable: Flag, is_left: Flag
-) -> _Search:
+    search: _CriticalSearch, loads: Load, limit: Limit, is_stable: Flag, is_left: Flag
+) -> _CriticalSearch:
     """Return the search after the limit of a branch, given whether the branch began stable.
 
     Arguments:
@@ -295,7 +297,7 @@ def _search_after(
     just_beyond = _just_beyond(loads).astype(search.step.dtype)
     step = jnp.where(is_lost, FARTHER * search.step, just_beyond)
     value = reached + step
-    return _Search(
+    return _CriticalSearch(
         limit=choose(is_stuck, old, limit),
         loads=loads.at(jnp.stack([value, last])),
         step=step,
@@ -308,7 +310,7 @@ def _search_after(
 
 
 @program
-def _result(search: _Search) -> RESULTS:
+def _result(search: _CriticalSearch) -> RESULTS:
     """Return how a search for a limit has ended."""
     result = search.limit.result
     is_lost = (search.number > 0) & (search.is_stuck | (result == RESULTS.lost_branch))

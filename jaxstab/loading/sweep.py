@@ -144,7 +144,7 @@ def sweep(
     begin = _Last.of(contact, load, initial)
     if key is not None:
         require_key(key)
-    problem = _Problem(contact, equilibrium_solver, stability_solver, key, order, stability)
+    problem = _SweepProblem(contact, equilibrium_solver, stability_solver, key, order, stability)
     if is_transformed((problem, load, begin)):
         with warned_once(contact, FOR_STATES):
             if order == "independent":
@@ -184,7 +184,7 @@ class _Last(eqx.Module):
         return cls(gap.astype(contact.heights.dtype), yes, no)
 
 
-class _Problem(eqx.Module):
+class _SweepProblem(eqx.Module):
     """The data that all loads of a sweep share."""
 
     contact: Contact
@@ -232,7 +232,7 @@ class _Problem(eqx.Module):
 
 
 def _solve_one_by_one(
-    problem: _Problem, load: Load, begin: _Last, report: Callable[[], object]
+    problem: _SweepProblem, load: Load, begin: _Last, report: Callable[[], object]
 ) -> Sweep:
     states = []
     last = begin
@@ -251,16 +251,16 @@ def _solve_one_by_one(
 
 
 @partial(program, static_argnames="throw")
-def _solve_in_turn(problem: _Problem, load: Load, begin: _Last, throw: bool) -> Sweep:
+def _solve_in_turn(problem: _SweepProblem, load: Load, begin: _Last, throw: bool) -> Sweep:
     return jax.lax.scan(partial(problem.solve, throw=throw), begin, load)[1]
 
 
 @partial(program, static_argnames="throw")
-def _solve_together(problem: _Problem, load: Load, begin: _Last, throw: bool = False) -> Sweep:
+def _solve_together(problem: _SweepProblem, load: Load, begin: _Last, throw: bool = False) -> Sweep:
     return jax.vmap(lambda load: problem.solve(begin, load, throw)[1])(load)
 
 
-def _solve_in_batch(problem: _Problem, load: Load, begin: _Last) -> Sweep:
+def _solve_in_batch(problem: _SweepProblem, load: Load, begin: _Last) -> Sweep:
     """Solve all loads together, and copies of the last up to a number that has a program."""
     number = load.value.size
     # NumPy compiles nothing.

@@ -13,7 +13,7 @@ _COLOURS = {"approach": BLUE, "retraction": VERMILION}
 _ABSCISSAE = {"height": "height", "tip_position": "tip position", "time": "time"}
 
 
-class _ForceCurve(Protocol):
+class _DrawnCurve(Protocol):
     """A `jaxstab.lab.force_curves.ForceCurve`."""
 
     @property
@@ -33,7 +33,7 @@ class _ForceCurve(Protocol):
 
 
 def force_curve(
-    curve: _ForceCurve,
+    curve: _DrawnCurve,
     abscissa: Literal["height", "tip_position", "time"] | None = None,
     *,
     axes: Axes | None = None,

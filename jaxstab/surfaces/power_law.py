@@ -109,11 +109,11 @@ def power_law(spectrum: PowerSpectrum) -> PowerLaw:
     x = np.log(q)
     y = np.log(np.maximum(density[used] / largest, _NOTHING))
     (start, end), likely = _bands(x, y, pairs, dimension)
-    line = _Line.fit(x, y, pairs, start, end)
+    line = _PowerLine.fit(x, y, pairs, start, end)
     if not line.is_straight and likely:
         # Beyond a cut-off leakage alone may look like a law, of many rings.
         start, end = likely
-        line = _Line.fit(x, y, pairs, start, end)
+        line = _PowerLine.fit(x, y, pairs, start, end)
     hurst = (line.power - dimension) / 2
     hurst_error = line.power_error / 2
     spread = np.hypot(line.height_error, line.power_error * (x[start] - line.middle))
@@ -180,7 +180,7 @@ def _broken_lines(
 
 
 @dataclass(frozen=True)
-class _Line:
+class _PowerLine:
     """A line y = height - power (x - middle), whose two parameters are uncorrelated."""
 
     middle: float
@@ -191,7 +191,9 @@ class _Line:
     is_straight: bool
 
     @classmethod
-    def fit(cls, x: np.ndarray, y: np.ndarray, pairs: np.ndarray, start: int, end: int) -> "_Line":
+    def fit(
+        cls, x: np.ndarray, y: np.ndarray, pairs: np.ndarray, start: int, end: int
+    ) -> "_PowerLine":
         """Fit logarithms y of means of exponentials by maximum likelihood: Fisher's scoring."""
         x, y, pairs = (values[start : end + 1] for values in (x, y, pairs))
         middle = np.average(x, weights=pairs)
