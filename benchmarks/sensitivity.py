@@ -231,7 +231,7 @@ def problems(family: str) -> list[Callable[[], Outcome]]:
 
     def evolution(contact: Any, load: Any, times: Any) -> Outcome:
         found = js.evolve(contact, load, times, throw=False)
-        energies = found.work, found.dissipated, found.lost
+        energies = found.work, found.viscous_dissipation, found.jump_dissipation
         return outcome(
             found.result, found.num_steps, found.mean_pressure, *energies, found.jump_times
         )

@@ -57,7 +57,7 @@ class Condition(eqx.Module):
         return (found - self.value) / self.scale
 
     def gradient(self, curve: Curve, forces: Forces) -> BorderedVector:
-        """Return the gradient of that."""
+        """Return the gradient of the error, over gap and pressure."""
         pulled = Hessian(curve.contact.solid, forces.curvature)(self.weights)
         gap = self.row.gap + pulled
         pressed = model.load_pressure(self.weights, curve.contact.solid.punch)

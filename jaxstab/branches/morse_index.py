@@ -193,7 +193,8 @@ def _lowest(
     starts = jnp.where(is_new.reshape(-1, *[1] * gap.ndim), fresh, modes)
     minimum = solver.solve(hessian, space, starts, len(modes))
     pair = eigenpair_of(hessian, space, minimum, minimum.vector[0]).with_proof(True)
-    # The Ritz values, of vectors of unit norm or none.
+    # Ritz values of vectors of unit norm or none, beside that of the pair. The last vector has come
+    # anew into the search, and is none of the lowest yet.
     others = minimum.vector[1:-1]
     values = jax.lax.map(lambda mode: jnp.sum(mode * hessian(mode)), others)
     values = jnp.where(norms(others) > 0, values, jnp.inf)

@@ -1,4 +1,8 @@
-"""Enumerations whose members compiled code can choose: each is an integer array in a pytree."""
+"""Enumerations whose members compiled code can choose: each is an integer array in a pytree.
+
+Members of `equinox.Enumeration` have no public names, do not compare with names, are no arrays, and
+compile an operation where two known ones are compared.
+"""
 
 from collections.abc import Iterator
 from dataclasses import dataclass

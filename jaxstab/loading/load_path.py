@@ -35,7 +35,7 @@ class Start(eqx.Module):
     solver: PreconditionedConjugateGradient
 
     def equilibrium(self, contact: Contact) -> Equilibrium:
-        """Return the equilibrium."""
+        """Return the equilibrium of a contact at this load."""
         return find(contact, self.load, self.solver, self.gap)
 
 

@@ -76,8 +76,8 @@ class CaseWorker:
 
     def _run_together(self, cases: Sequence[Case]) -> str:
         # Batches of one length, with copies of the last case, share one program.
-        padded = [*cases, *[cases[-1]] * (self.batch - len(cases))]
-        values = {name: np.array([case[name] for case in padded]) for name in cases[0]}
+        entries = [*cases, *[cases[-1]] * (self.batch - len(cases))]
+        values = {name: np.array([case[name] for case in entries]) for name in cases[0]}
         for name, x in values.items():
             _require_kept(name, x)
         self._begin(cases)
