@@ -12,6 +12,7 @@ from jaxtyping import Array, Float, Int
 from jaxstab.contact import Contact, require_contact
 from jaxstab.core import display
 from jaxstab.core.checks import require_kind
+from jaxstab.core.compile import program
 from jaxstab.core.display import column
 from jaxstab.core.renamed import Renamed
 from jaxstab.core.results import RESULTS
@@ -210,8 +211,7 @@ class Evolution(Totals):
         if load.value.ndim > 0:
             load = load[-1]
             result = result[-1]
-        contact = moved_contact(padded, memory, jnp.zeros((), memory.gap.dtype))
-        return contact, state_at(contact, on_gap(padded, load), or_nan(memory.gap, result))
+        return _instant(padded, load, memory, result)
 
     @display.readable
     def __repr__(self) -> str:
@@ -235,6 +235,14 @@ class Evolution(Totals):
         ]
         table = display.table(columns | {"result": column(self.result.name, str)})
         return "\n".join([table, *extremes])
+
+
+@program
+def _instant(
+    contact: Contact, load: Load, memory: Memory, result: RESULTS
+) -> tuple[Contact, Equilibrium]:
+    moved = moved_contact(contact, memory, jnp.zeros((), memory.gap.dtype))
+    return moved, state_at(moved, on_gap(contact, load), or_nan(memory.gap, result))
 
 
 def or_nan(tree: Tree, result: RESULTS) -> Tree:

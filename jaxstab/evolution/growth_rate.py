@@ -12,11 +12,12 @@ from jaxstab.contact.hessian import Hessian
 from jaxstab.core.checks import require_kind
 from jaxstab.core.compile import own_conventions, program
 from jaxstab.core.grid import total
-from jaxstab.core.implicit import attach, finite, no_derivatives, tangent_of
-from jaxstab.core.types import Field, Flag, Mask, Scalar
+from jaxstab.core.implicit import attach, finite, no_derivatives, tangent_of, where_traced
+from jaxstab.core.types import Field, Flag, Scalar
 from jaxstab.equilibrium.posing import posed_state
 from jaxstab.evolution.evolution import Evolution
 from jaxstab.loads import Load
+from jaxstab.solids import Viscoelastic
 from jaxstab.stability.cones import Subspace
 from jaxstab.stability.lowest_pair import on_space
 from jaxstab.stability.solvers.base import BLOCK_SIZE, noise
@@ -54,21 +55,21 @@ def growth_rate(evolution: Evolution) -> Scalar:
     solid: Any = evolution.contact.solid
     problem = posed_state(contact, equilibrium)
     equilibrium = problem.state
-    glassy = solid.stiffening(0.0)
+    glassy = _glassy_stiffening(solid)
     inputs = glassy, problem.contact, equilibrium.load, equilibrium.gap
-    is_moving = ~(equilibrium.reaction > 0)
-    stiffening, mode = _singular_stiffening(is_moving, *jax.lax.stop_gradient(inputs))
-    stiffening = attach(_changes_of_stiffening, stiffening, mode, inputs)
-    is_between = (stiffening > 1) & (stiffening < glassy)
-    rate = _rate(jnp.where(is_between, stiffening, 1), solid.ratios, solid.times)
-    rate = jnp.where(stiffening >= glassy, jnp.inf, rate)
-    rate = jnp.where(stiffening <= 1, 0, rate)
-    return jnp.where(jnp.isnan(stiffening), jnp.nan, rate)
+    found = _singular_stiffening(equilibrium.reaction, *jax.lax.stop_gradient(inputs))
+    stiffening, _ = _with_derivatives(found, inputs)
+    return _rate(stiffening, glassy, solid.ratios, solid.times)
+
+
+@program
+def _glassy_stiffening(solid: Viscoelastic) -> Scalar:
+    return solid.stiffening(0.0)
 
 
 @program
 def _singular_stiffening(
-    is_moving: Mask, glassy: Scalar, contact: Contact, load: Load, gap: Field
+    reaction: Field, glassy: Scalar, contact: Contact, load: Load, gap: Field
 ) -> tuple[Scalar, Field]:
     """Return the c >= 1 at which c K + D is singular, above `glassy` if that is unstable.
 
@@ -77,7 +78,7 @@ def _singular_stiffening(
     first step leads to the left of the root, and the others rise to it. Each squares the error:
     after a step of the root of the precision no digits are left to gain.
     """
-    space = Subspace(is_moving, contact.control(load).fixes_mean)
+    space = Subspace(~(reaction > 0), contact.control(load).fixes_mean)
     solver = Davidson()
     accuracy = float(jnp.finfo(gap.dtype).eps) ** 0.5
 
@@ -114,6 +115,12 @@ def _slope(mode: Field, c: Scalar, *inputs: Any) -> Scalar:
     return jax.jvp(lambda c: _quotient(mode, c, *inputs), (c,), (jnp.ones_like(c),))[1]
 
 
+@where_traced
+def _with_derivatives(found: tuple[Scalar, Field], inputs: tuple) -> tuple[Scalar, Field]:
+    stiffening, mode = found
+    return attach(_changes_of_stiffening, stiffening, mode, inputs), mode
+
+
 def _changes_of_stiffening(
     c: Scalar, mode: Field, inputs: tuple, changes: tuple
 ) -> tuple[Scalar, Flag]:
@@ -128,9 +135,10 @@ def _changes_of_stiffening(
 
 
 @program
-def _rate(stiffening: Scalar, ratios: Array, times: Array) -> Scalar:
+def _rate(stiffening: Scalar, glassy: Scalar, ratios: Array, times: Array) -> Scalar:
     """Return s of K(s) / K = 1 + sum r_k s t_k / (1 + s t_k), by Newton's method from zero.
 
+    It is zero below the stiffness of the relaxed solid, and infinite from the one of the glassy on.
     The sum is concave, so that s rises to the root, and stops there by rounding. One more step has
     the derivatives of the root.
     """
@@ -148,7 +156,12 @@ def _rate(stiffening: Scalar, ratios: Array, times: Array) -> Scalar:
         _, s = state
         return s, newton(s, *fixed)
 
-    fixed = jax.lax.stop_gradient((stiffening, ratios, times))
+    is_between = (stiffening > 1) & (stiffening < glassy)
+    between = jnp.where(is_between, stiffening, 1)
+    fixed = jax.lax.stop_gradient((between, ratios, times))
     zero = jnp.zeros_like(fixed[0])
     root, _ = jax.lax.while_loop(rises, step, (zero, newton(zero, *fixed)))
-    return newton(root, stiffening, ratios, times)
+    rate = newton(root, between, ratios, times)
+    rate = jnp.where(stiffening >= glassy, jnp.inf, rate)
+    rate = jnp.where(stiffening <= 1, 0, rate)
+    return jnp.where(jnp.isnan(stiffening), jnp.nan, rate)

@@ -3,12 +3,11 @@
 from typing import Any
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 
 from jaxstab.contact import Contact
 from jaxstab.contact.resolution import FOR_JUMPS, warned_once
-from jaxstab.core.checks import require_kind, require_known, require_positive, scalar_parameter
+from jaxstab.core.checks import array, positive_scalar, require_kind, require_known
 from jaxstab.core.results import RESULTS, SolverError
 from jaxstab.core.types import ArrayLike
 from jaxstab.equilibrium import Equilibrium, equilibrate
@@ -78,17 +77,18 @@ def _lifetime(contact: Contact, load: Load, initial: Any, until: Any, rtol: Any)
             "The initial state has no point in contact, so that nothing can detach: give "
             "`initial`, a state in contact."
         )
+    # NumPy compiles nothing.
+    relaxation_times = np.asarray(solid.times, float)
     if until is None:
-        until = 1000 * solid.times[-1]
-    end = scalar_parameter(until, "until")
-    require_positive("until", end)
+        until = 1000 * relaxation_times[-1]
+    end = float(positive_scalar(until, "until"))
     # Four times a decade, from a small part of the shortest relaxation time on.
-    first = jnp.minimum(1e-4 * solid.times[0], end / 2)
-    count = int(4 * np.log10(float(end / first))) + 2
-    times = jnp.concatenate([jnp.zeros(1), jnp.geomspace(first, end, count)])
+    first = min(1e-4 * relaxation_times[0], end / 2)
+    count = int(4 * np.log10(end / first)) + 2
+    times = np.append(0, np.geomspace(first, end, count))
     after = np.inf
     while True:
-        held = jax.tree.map(lambda leaf, times=times: jnp.broadcast_to(leaf, times.shape), load)
+        held = jax.tree.map(lambda leaf, n=times.size: array(np.repeat(leaf, n)), load)
         found = evolve(contact, held, times, initial=start, rtol=rtol, fields=True, throw=False)
         if len(found) < times.size:
             raise KeyboardInterrupt
@@ -108,7 +108,7 @@ def _lifetime(contact: Contact, load: Load, initial: Any, until: Any, rtol: Any)
         if after - before <= rtol * after:
             break
         # Points have lost contact between these two: look eight times as often.
-        times = jnp.linspace(before, after, 9)
+        times = np.linspace(before, after, 9)
         start = found[place - 1]
     if after < np.inf:
         # Where shorter steps hold the contact for longer, it is lost at their end.
@@ -117,7 +117,7 @@ def _lifetime(contact: Contact, load: Load, initial: Any, until: Any, rtol: Any)
     if rest.result == RESULTS.successful and (has_core or rest.contact_area > 0):
         return np.inf
     raise SolverError(
-        f"The contact still holds at {float(end):.6g}, where the relaxed solid has no "
+        f"The contact still holds at {end:.6g}, where the relaxed solid has no "
         "equilibrium: raise `until`.",
         found,
     )

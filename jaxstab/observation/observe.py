@@ -16,7 +16,7 @@ from jaxstab.branches.branch import Branch
 from jaxstab.contact import Contact, require_contact, require_same_contact
 from jaxstab.core import display
 from jaxstab.core.checks import require_known
-from jaxstab.core.compile import own_conventions
+from jaxstab.core.compile import own_conventions, program
 from jaxstab.core.stack import Stackable, nothing_like, stack_of
 from jaxstab.core.types import Field
 from jaxstab.core.units import NUMBER, axes_of, dimensions
@@ -201,10 +201,15 @@ def _row(observable: Callable[..., Any], contact: Contact, state: Equilibrium) -
     return row
 
 
+@program
+def _nothing_like(row: Observable) -> Observable:
+    return jax.tree.map(nothing_like, row)
+
+
 @own_conventions()
 def _with_empty_rows(rows: list[Observable], are_found: list[bool]) -> Observable:
     """Return the rows of the states that were found, and of the others nothing."""
-    filled = [jax.tree.map(nothing_like, rows[0])] * len(are_found)
+    filled = [_nothing_like(rows[0])] * len(are_found)
     for place, row in zip(np.flatnonzero(are_found), rows, strict=True):
         filled[place] = row
     return stack_of(filled, rows[0])
