@@ -60,7 +60,15 @@ def attach(rule: Rule, values: Tree, known: PyTree, inputs: PyTree) -> Tree:
     """
     # Reverse mode drops the rule in a loop, once the first derivative is taken: the second one is
     # NaN rather than wrong.
-    zero = sum(map(_zero_without_slope, jax.tree.leaves(eqx.filter(inputs, eqx.is_inexact_array))))
+    return _without_slopes(values, eqx.filter(inputs, eqx.is_inexact_array))
+
+
+# A program of its own too.
+@own_conventions()
+@jax.jit
+def _without_slopes(values: Tree, inputs: PyTree) -> Tree:
+    """Return values whose derivatives with respect to the inputs are NaN."""
+    zero = sum(map(_zero_without_slope, jax.tree.leaves(inputs)))
     return jax.tree.map(lambda value: value + jnp.asarray(zero, value.dtype), values)
 
 

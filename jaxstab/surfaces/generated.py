@@ -137,7 +137,7 @@ def self_affine(
     cure = f"the grid resolves {resolved} waves per longest side; refine it or lower k_high."
     is_resolved = high <= resolved * (1 + ROUNDING)
     require("k_high", high, is_resolved, cure)
-    target = possible(target, (target > 0) & is_exponent & is_ordered & is_resolved)
+    target = possible(target, (concrete(target) > 0) & is_exponent & is_ordered & is_resolved)
     order = 0
     if rms_slope is not None:
         order = 1

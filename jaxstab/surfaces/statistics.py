@@ -128,13 +128,23 @@ def power_spectrum(grid: Grid, heights: Field | Topography) -> PowerSpectrum:
     lengths = np.asarray(grid.lengths)
     fundamental = 2 * np.pi / lengths.max()
     num_rings = int(np.linalg.norm(nyquist(grid.shape, lengths))) + 2
+    spectrum, power = _spectrum_of_rings(num_rings, grid, heights, fundamental)
+    _require_range(power, heights)
+    return spectrum
+
+
+@partial(program, static_argnums=0)
+def _spectrum_of_rings(
+    num_rings: int, grid: Grid, heights: Field, fundamental: ArrayLike
+) -> tuple[PowerSpectrum, Float[Array, " *modes"]]:
+    """Return the spectrum, averaged over rings, and the power of each mode."""
     ring = jnp.round(grid.wavenumbers / fundamental).astype(int)
     multiplicity = grid.mode_multiplicity
     power = multiplicity * jnp.abs(grid.transform(heights)) ** 2 * grid.cell_area / grid.size
     num_waves = jnp.zeros(num_rings).at[ring].add(multiplicity)
     density = jnp.zeros(num_rings).at[ring].add(power) / jnp.maximum(num_waves, 1)
-    _require_range(power, heights)
-    return PowerSpectrum(fundamental * jnp.arange(1, num_rings), density[1:], num_waves[1:])
+    wavenumber = fundamental * jnp.arange(1, num_rings)
+    return PowerSpectrum(wavenumber, density[1:], num_waves[1:]), power
 
 
 @where_known

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import PRNGKeyArray
 
 from jaxstab.contact import Contact
 from jaxstab.contact.resolution import FOR_JUMPS, warned_once
 from jaxstab.core.checks import integer, require, require_known
+from jaxstab.core.compile import program
 from jaxstab.core.results import RESULTS, SolverError
-from jaxstab.core.types import Field
+from jaxstab.core.types import Field, Flag
 from jaxstab.equilibrium import Equilibrium, equilibrate
 from jaxstab.equilibrium.equilibrium import State, equilibrium_of
 from jaxstab.stability import assess_stability, lowest_modes
@@ -69,10 +71,10 @@ def easiest_exit(
         modes = lowest_modes(contact, equilibrium, number, key=key)
         stability = assess_stability(contact, equilibrium, key=key, throw=False)
         if stability.verdict == "unstable":
-            raise ValueError("The state is unstable: give a stable one, as by jaxstab.release.")
+            raise ValueError("The state is unstable: give a stable one, as by jaxstab.relax_along.")
         cone = stability.cone
-        both = (sign * modes.mode[i] for i in range(number) for sign in (1, -1))
-        directions = [cone.mode, *both]
+        both = [sign * mode for mode in np.asarray(modes.mode) for sign in (1, -1)]
+        directions = [cone.mode, *map(jax.device_put, both)]
         states: list[Equilibrium] = []
         for direction in directions:
             end = _state_beyond(contact, equilibrium, direction)
@@ -104,13 +106,19 @@ def easiest_exit(
 
 def _state_beyond(contact: Contact, state: Equilibrium, direction: Field) -> Equilibrium | None:
     """Return the other state that the least push along a direction leads to, if there is one."""
-    if not jnp.any(direction) or not jnp.all(jnp.isfinite(direction)):
-        return None
     for share in _SHARES:
-        start = jnp.maximum(state.gap + amplitude_of(state.gap, direction, share) * direction, 0)
-        if not jnp.any(start > 0):
+        start, is_push = _push(state.gap, direction, share)
+        if not is_push:
             return None
         end = equilibrate(contact, state.load, initial=start, throw=False)
         if end.result == RESULTS.successful and are_apart(end, state):
             return jax.block_until_ready(end)
     return None
+
+
+@program
+def _push(gap: Field, direction: Field, share: float) -> tuple[Field, Flag]:
+    """Return a gap after a push along a direction, and whether it is a gap to start from."""
+    start = jnp.maximum(gap + amplitude_of(gap, direction, share) * direction, 0)
+    is_push = jnp.any(direction) & jnp.all(jnp.isfinite(direction)) & jnp.any(start > 0)
+    return start, is_push
