@@ -16,6 +16,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from jaxstab.core.checks import (
+    array,
     concrete,
     numbers,
     parameter,
@@ -128,14 +129,14 @@ def power_spectrum(grid: Grid, heights: Field | Topography) -> PowerSpectrum:
     lengths = np.asarray(grid.lengths)
     fundamental = 2 * np.pi / lengths.max()
     num_rings = int(np.linalg.norm(nyquist(grid.shape, lengths))) + 2
-    spectrum, power = _spectrum_of_rings(num_rings, grid, heights, fundamental)
+    spectrum, power = _spectrum_of_rings(num_rings, grid, heights, array(fundamental))
     _require_range(power, heights)
     return spectrum
 
 
 @partial(program, static_argnums=0)
 def _spectrum_of_rings(
-    num_rings: int, grid: Grid, heights: Field, fundamental: ArrayLike
+    num_rings: int, grid: Grid, heights: Field, fundamental: Scalar
 ) -> tuple[PowerSpectrum, Float[Array, " *modes"]]:
     """Return the spectrum, averaged over rings, and the power of each mode."""
     ring = jnp.round(grid.wavenumbers / fundamental).astype(int)
