@@ -88,7 +88,7 @@ def _lifetime(contact: Contact, load: Load, initial: Any, until: Any, rtol: Any)
     times = np.append(0, np.geomspace(first, end, count))
     after = np.inf
     while True:
-        held = jax.tree.map(lambda leaf, n=times.size: array(np.repeat(leaf, n)), load)
+        held = jax.tree.map(lambda leaf, n=times.size: array(np.full(n, leaf)), load)
         found = evolve(contact, held, times, initial=start, rtol=rtol, fields=True, throw=False)
         if len(found) < times.size:
             raise KeyboardInterrupt
