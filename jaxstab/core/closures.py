@@ -113,8 +113,10 @@ def _trace(
     return jax.make_jaxpr(lambda *xs: function(*xs), return_shape=True)(*arguments)
 
 
-def _formula(function: Callable[..., Array], argument: jax.ShapeDtypeStruct) -> Formula:
-    return Formula(function, argument, _trace(function, argument)[0].jaxpr)
+def _formula(
+    function: Callable[..., Array], arguments: tuple[jax.ShapeDtypeStruct, ...]
+) -> Formula:
+    return Formula(function, arguments, _trace(function, arguments)[0].jaxpr)
 
 
 def _computation(part: Any, opaque: list[Any]) -> Hashable:
