@@ -1,7 +1,7 @@
 """Fits to all force curves of a folder, beside Sneddon's least squares of the corrected curve.
 
 Public repositories with curves of instruments: the tests of afmformats and nanite
-(https://github.com/AFM-analysis, Apache 2.0 and GPL 3). Files without a spring constant, curves
+(https://github.com/AFM-analysis, MIT and GPL 3). Files without a spring constant, curves
 without contact and formats that are not read are listed with the reason. The tip is a paraboloid
 for all of them, since no file states it: the ratio of the two moduli does not depend on its radius
 where adhesion is weak.

@@ -72,7 +72,8 @@ def without_adhesion(data: Bins, tip: Tip | FlatPunch) -> Fitted:
 def with_adhesion(data: Bins, tip: Tip | FlatPunch) -> Fitted:
     """Return the best of the fits at all ranges, with the errors that these show."""
     model = Model(data, tip, True)
-    attraction = -float(data.forces[data.is_near].min())
+    # It may lie between two points.
+    attraction = max(-float(data.forces[data.is_near].min()), data.noise)
     modulus, contact = _start(data, tip, attraction)
     zeros = [contact, 0.0, 0.0, 0.0]
     if isinstance(tip, FlatPunch):

@@ -21,6 +21,8 @@ Part = Literal["approach", "retraction"]
 # and has five times the modulus. Before contact the misfit is so many times the noise, and this
 # part of the largest attraction.
 _MISFIT, _OF_FORCE, _OF_ATTRACTION = 3.0, 0.01, 0.03
+# An attraction may lie between fewer points near contact: adhesion is tried though none shows it.
+_FEW = 250
 
 
 def fit_curve(
@@ -83,7 +85,13 @@ def fit_curve(
             f"The {segment} shows an attraction, and a sphere on a plate is fitted without: fit a "
             "segment without attraction, or TwoSpheres if the plate holds the sphere."
         )
-    if data.attract and not (segment == "approach" and isinstance(tip, FlatPunch)):
+    # A punch shows no attraction before contact.
+    if isinstance(tip, FlatPunch):
+        may_stick = data.attract and segment == "retraction"
+    else:
+        is_sparse = np.sum(data.is_near[data.group]) < _FEW
+        may_stick = data.attract or (is_sparse and not isinstance(tip, SphereOnPlate))
+    if may_stick:
         fit = curve_search.better(fit, curve_search.with_adhesion(data, tip))
     return _finished(curve, fit, poisson_ratio, segment)
 

@@ -22,3 +22,15 @@ def test_truths_lie_within_their_errors(kind, monkeypatch):
     assert np.mean(away[np.isfinite(away)] < 2) > 0.9
     # An error of everything would hold as well.
     assert np.median([trial.errors[0] for trial in found]) < 0.05
+
+
+@pytest.mark.nightly
+@pytest.mark.parametrize("seed", [44, 94])
+def test_an_attraction_between_points_is_found(seed, monkeypatch):
+    monkeypatch.setattr(sys, "path", [str(BENCHMARKS), *sys.path])
+    from force_curve_errors import trials
+
+    # No point of these approaches shows the attraction.
+    approach = next(trials("Maugis", seed))
+    assert np.nanmax(np.abs(approach.away)) < 2
+    assert approach.errors[0] < 0.1
