@@ -39,7 +39,7 @@ class Stackable:
                 # NumPy takes an empty list for one of floats.
                 index = index.astype(int)
         _require_entry(shape, index)
-        return jax.tree.map(lambda leaf: _entry(leaf, index), self)
+        return jax.tree.map(lambda leaf: entry_at(leaf, index), self)
 
     def __iter__(self) -> Iterator[Self]:
         return (self[i] for i in range(len(self)))
@@ -56,7 +56,8 @@ def _require_entry(shape: tuple[int, ...], index: PyTree) -> None:
     _ = np.broadcast_to(False, shape)[index]
 
 
-def _entry(leaf: Array, index: PyTree) -> Array:
+def entry_at(leaf: Array, index: PyTree) -> Array:
+    """Return the entry of a stacked array, or several, at an index of NumPy."""
     if not is_readable((leaf, index)) or jax.default_backend() != "cpu":
         return leaf[index]
     # NumPy indexes it, since JAX would compile for every shape.

@@ -16,6 +16,7 @@ from jaxstab.core.compile import program
 from jaxstab.core.display import column
 from jaxstab.core.renamed import Renamed
 from jaxstab.core.results import RESULTS
+from jaxstab.core.stack import entry_at
 from jaxstab.core.types import Field, Scalar
 from jaxstab.core.units import ENERGY, FORCE, LENGTH, NUMBER, PRESSURE, TIME, Dimensioned
 from jaxstab.equilibrium import Equilibrium
@@ -149,10 +150,10 @@ class Evolution(Totals):
         if places.size == 0:
             of_all["last"] = None
         elif (end := np.ravel(places)[-1]) < len(self) - 1:
-            of_all["last"] = jax.tree.map(lambda leaf: leaf[end], self.fields)
+            of_all["last"] = jax.tree.map(lambda leaf: entry_at(leaf, end), self.fields)
             of_all["reached"] = jnp.minimum(self.reached, self.times[end])
         picked = replace(self, **dict.fromkeys(OF_RUN))
-        return replace(jax.tree.map(lambda leaf: leaf[places], picked), **of_all)
+        return replace(jax.tree.map(lambda leaf: entry_at(leaf, places), picked), **of_all)
 
     @property
     def is_batch(self) -> bool:
