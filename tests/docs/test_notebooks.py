@@ -30,7 +30,9 @@ def test_a_notebook_is_stored_with_its_outputs_in_order(path):
     assert not any(output.output_type == "error" for cell in codes for output in cell.outputs)
 
 
-@pytest.mark.parametrize("name", ["ageing", "viscous_or_multistable", "thermal_pull_off"])
+@pytest.mark.parametrize(
+    "name", ["ageing", "viscous_or_multistable", "thermal_pull_off", "stickiness"]
+)
 def test_a_study_quotes_the_stored_outputs_of_its_notebook(name):
     root = Path(__file__).parents[2]
     page = (root / "docs" / f"{name}.md").read_text(encoding="utf-8")
