@@ -307,8 +307,9 @@ def own_units(curve: js.lab.force_curves.ForceCurve) -> tuple[float, float]:
 
 
 def _rows(fit: ForceCurveFit) -> Iterator[tuple[str, str, str, str, str]]:
-    length, force = own_units(fit.curve)
-    names = fit.curve.unit, fit.curve.force_unit
+    curve = fit.curve.readable
+    length, force = own_units(curve)
+    names = curve.unit, curve.force_unit
     for name, factor, own in (
         ("youngs_modulus", force / length**2, f"{names[1]}/{names[0]}²"),
         ("work_of_adhesion", force / length, f"{names[1]}/{names[0]}"),
