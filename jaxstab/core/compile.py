@@ -42,19 +42,19 @@ def program(function: Callable[Given, Out], **options: Any) -> Callable[Given, O
     """Return `jax.jit(function, **options)`, with these compiler options outside of a trace."""
 
     @wraps(function)
-    def traced(*args: Given.args, **kwargs: Given.kwargs) -> Out:
+    def call(*args: Given.args, **kwargs: Given.kwargs) -> Out:
         _require_memory_mappings()
         return function(*args, **kwargs)
 
     @cache
     def with_options() -> Callable[Given, Out]:
-        return jax.jit(traced, compiler_options=_compiler_options(), **options)
+        return jax.jit(call, compiler_options=_compiler_options(), **options)
 
     def outside(*args: Given.args, **kwargs: Given.kwargs) -> Out:
         return with_options()(*args, **kwargs)
 
     # A program within another one cannot have compiler options.
-    return _one_of(jax.jit(traced, **options), wraps(function)(outside))
+    return _one_of(jax.jit(call, **options), wraps(function)(outside))
 
 
 def in_pieces(function: Callable[Given, Out]) -> Callable[Given, Out]:

@@ -97,7 +97,9 @@ def save(
             raise TypeError(
                 f"A {type(contact).__name__} is written alone: give no result beside it."
             )
-        dataset = contact.to_dataset().assign_attrs(**common_attributes(), **_named(contact))
+        dataset = contact.to_dataset().assign_attrs(
+            **common_attributes(), **_class_attribute(contact)
+        )
     else:
         dataset = to_dataset(contact, cast(Any, result), fields=fields)
     lost = functions_of(json.loads(dataset.attrs.get("structure", "null")))
@@ -216,7 +218,7 @@ def _attributes_of(path: Path) -> Attributes:
         raise ValueError(message) from error
 
 
-def _named(described: _Described) -> dict[str, str]:
+def _class_attribute(described: _Described) -> dict[str, str]:
     """Return the attribute that names a class by the package that its module lies in."""
     kind = type(described)
     return {_CLASS: f"{kind.__module__.rpartition('.')[0]}:{kind.__name__}"}

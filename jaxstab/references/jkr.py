@@ -160,7 +160,7 @@ def energy(
     return unit.force * unit.displacement * number
 
 
-def held(
+def states_at(
     displacement: ArrayLike,
     radius: ArrayLike,
     contact_modulus: ArrayLike,
@@ -177,7 +177,7 @@ def held(
         work_of_adhesion: w [energy/area].
 
     Example:
-        >>> stable, pass_ = js.references.jkr.held(-0.005, 1.0, 1.0, 1e-3)
+        >>> stable, pass_ = js.references.jkr.states_at(-0.005, 1.0, 1.0, 1e-3)
         >>> f"{stable.force:.4f}, {pass_.force:.4f}"
         '-0.0046, -0.0000'
     """
@@ -226,7 +226,7 @@ def barriers(
     sphere = radius, contact_modulus, work_of_adhesion
     unit = units(*sphere)
     heights = []
-    for state in held(displacement, *sphere):
+    for state in states_at(displacement, *sphere):
         is_one = np.isfinite(state.contact_radius)
         safe = np.where(is_one, state.contact_radius, unit.contact_radius)
         heights.append(np.where(is_one, energy(safe, *sphere), np.nan))

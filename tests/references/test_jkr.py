@@ -98,7 +98,7 @@ def test_the_barriers_of_jkr_are_known_and_the_area_below_the_curve(displacement
     unit = UNITS.force * UNITS.displacement
     found = jkr.barriers(displacement * UNITS.displacement, *SPHERE)
     assert_allclose(np.array(found) / unit, [detach, jump_in], atol=5.1e-6)
-    stable, top = jkr.held(displacement * UNITS.displacement, *SPHERE)
+    stable, top = jkr.states_at(displacement * UNITS.displacement, *SPHERE)
     assert_allclose([stable.displacement, top.displacement], displacement * UNITS.displacement)
 
     def power(root):
