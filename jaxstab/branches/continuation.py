@@ -23,7 +23,7 @@ from jaxstab.branches.branch_steps import (
     two_loads,
 )
 from jaxstab.branches.curve import ContinuationProblem
-from jaxstab.contact import Contact, require_contact
+from jaxstab.contact import Contact, require_contact, require_elastic
 from jaxstab.contact.resolution import FOR_JUMPS, warn_if_coarse
 from jaxstab.core.checks import (
     concrete,
@@ -123,6 +123,7 @@ def continuation(
         ['0.0627 release', '0.0621 fold']
     """
     require_contact(contact)
+    require_elastic(contact, "continuation")
     cure = "give the load where the branch begins and the load where it ends."
     load = two_loads(load, contact, "continuation takes two loads", cure)
     number = integer("max_states", max_states)

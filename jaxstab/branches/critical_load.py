@@ -21,7 +21,7 @@ from jaxstab.branches.branch_steps import FARTHER, BranchState, begin, two_loads
 from jaxstab.branches.corrector import AT_STATES
 from jaxstab.branches.differentiable_limit import CriticalLoad, critical_load_at
 from jaxstab.branches.limit import Limit, limit_of, no_limit
-from jaxstab.contact import Contact, require_contact
+from jaxstab.contact import Contact, require_contact, require_elastic
 from jaxstab.contact.energy import characteristic_energy, supply_of
 from jaxstab.contact.resolution import FOR_JUMPS, warn_if_coarse
 from jaxstab.core.accuracy import EQUILIBRIUM, rounding_of_numbers
@@ -100,6 +100,7 @@ def critical_load(
         '0.0627 release'
     """
     require_contact(contact)
+    require_elastic(contact, "critical_load")
     cure = "give one on the stable branch and one beyond its end."
     bracket = two_loads(bracket, contact, "critical_load takes two loads", cure)
     bracket.warn_if_soft(contact.solid)

@@ -12,7 +12,7 @@ import numpy as np
 
 from jaxstab.branches.branch import Branch, Turn
 from jaxstab.branches.continuation import continuation
-from jaxstab.contact import Contact, require_contact
+from jaxstab.contact import Contact, require_contact, require_elastic
 from jaxstab.contact.resolution import FOR_JUMPS, warned_once
 from jaxstab.core.checks import (
     array,
@@ -118,6 +118,7 @@ def first_jump(
     number = 2 + max(0, math.ceil(math.log2(width / (2 * tolerance))))
     contacts = [make_contact(array(value)) for value in ends]
     require_contact(contacts[0])
+    require_elastic(contacts[0], "first_jump")
     with (
         warned_once(contacts[0], FOR_JUMPS),
         progress_bar("first jump", number, "path", shown=progress) as bar,

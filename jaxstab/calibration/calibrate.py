@@ -22,7 +22,7 @@ from jaxstab.calibration.least_squares import (
 from jaxstab.calibration.model import ZEROS, Model, Order, Pick, Where, values_of, with_values
 from jaxstab.calibration.result import Calibration, describe, profile_of
 from jaxstab.calibration.search import Search, fits, num_fits
-from jaxstab.contact import Contact, require_contact
+from jaxstab.contact import Contact, require_contact, require_elastic
 from jaxstab.contact.resolution import warn_if_coarse
 from jaxstab.core.checks import (
     array,
@@ -154,6 +154,7 @@ def calibrate(
         '0.0300'
     """
     require_contact(contact)
+    require_elastic(contact, "calibrate")
     require_load(load)
     if isinstance(load, MeanPressure):
         raise TypeError("The load is a MeanPressure: fit a curve over a mean displacement or gap.")

@@ -7,16 +7,18 @@ K u + f'(g) and its Hessian A = K + D with D = diag f''(g).
 
 from collections.abc import Callable
 from dataclasses import fields
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any, Protocol
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array, Float
 
 from jaxstab.contact.hessian import Hessian
 from jaxstab.contact.inputs import (
     as_heights,
+    hardness_on,
     law_on,
     relative_heights,
     require_sound,
@@ -29,16 +31,17 @@ from jaxstab.contact.residual import (
     conforming_pressure,
     pressures_of,
 )
-from jaxstab.contact.window import continued_surface
+from jaxstab.contact.window import continued_hardness, continued_surface
 from jaxstab.core import model
-from jaxstab.core.checks import cast, is_traced, possible, require_kind
+from jaxstab.core.checks import cast, is_traced, possible, require_kind, require_shape
+from jaxstab.core.compile import program
 from jaxstab.core.display import block
 from jaxstab.core.equality import are_same
 from jaxstab.core.grid import Grid
 from jaxstab.core.types import ArrayLike, Field, FieldMap, Flag, Scalar
-from jaxstab.core.units import LENGTH, Units
+from jaxstab.core.units import LENGTH, PRESSURE, Units
 from jaxstab.loads.load import Control, Load
-from jaxstab.potentials.evaluation import curvature
+from jaxstab.potentials.evaluation import curvature, slope
 from jaxstab.potentials.jumps import law_jump, require_no_jump
 from jaxstab.potentials.profile import Profile, profile_of, require_smooth
 from jaxstab.potentials.sharpness import sharpest_curvature
@@ -47,6 +50,14 @@ from jaxstab.solids.solid import Solid
 
 if TYPE_CHECKING:
     from jaxstab.surfaces import Topography
+
+
+class HasIndentation(Protocol):
+    """A state that may have flattened the surface of its contact, or a result that holds one."""
+
+    @property
+    def indentation(self) -> Field | None:
+        """The depth by which it has [length]; None if nothing yields."""
 
 
 class Contact(eqx.Module):
@@ -69,6 +80,9 @@ class Contact(eqx.Module):
             `jaxstab.potentials`, any `equinox.Module`, or a bare function. It is twice
             differentiable for every gap >= 0, or for every gap > 0 if it rises without bound
             towards zero.
+        hardness: H, the largest pressure that the softer side bears [pressure]: where it is
+            reached, this side is flattened for good. A number, or an array over the points; None,
+            or infinity, for surfaces that do not yield.
         unit: unit of lengths, for heights without one: "m", "µm" or "um", "nm", ...
         pressure_unit: unit of pressures: "Pa", "kPa", "MPa", "GPa"; by default pascals where
             lengths are in metres. Tables, figures and data sets show both units, and the units of
@@ -90,7 +104,9 @@ class Contact(eqx.Module):
             For a potential that is not a scalar of a scalar. For one whose value or slope jumps,
             by a thousandth of its depth or largest attraction; inside of `jax.jit` all results are
             then `invalid_contact`. For a potential that, or whose first two derivatives, are not
-            finite at some gap; at zero gap it may rise without bound.
+            finite at some gap; at zero gap it may rise without bound. For a hardness that is not
+            positive, or below the repulsion of the law at zero gap, which then allows no contact;
+            and for one of a `Viscoelastic` solid.
         TypeError: for a solid that is not one, and for a potential that JAX cannot trace. For
             heights that are complex, or floats other than float32 and float64.
 
@@ -108,6 +124,7 @@ class Contact(eqx.Module):
     pressure_unit: str | None = eqx.field(static=True, default=None)
     force_unit: str | None = eqx.field(static=True, default=None)
     energy_unit: str | None = eqx.field(static=True, default=None)
+    hardness: Annotated[Float[Array, "..."], PRESSURE] | None = None
 
     __repr__ = block
 
@@ -117,6 +134,7 @@ class Contact(eqx.Module):
         heights: "ArrayLike | Topography",
         potential: Potential,
         *,
+        hardness: ArrayLike | None = None,
         unit: str | None = None,
         pressure_unit: str | None = None,
         force_unit: str | None = None,
@@ -149,6 +167,9 @@ class Contact(eqx.Module):
         require_no_jump(jump)
         # In a trace no error can be raised: results say so.
         self.heights = possible(self.heights, jump.is_absent)
+        self.hardness = hardness_on(solid, self.potential, hardness, dtype)
+        if self.hardness is not None:
+            self.heights = possible(self.heights, jnp.all(self.hardness > 0))
 
     @property
     def has_core(self) -> Flag | bool:
@@ -172,7 +193,8 @@ class Contact(eqx.Module):
         if solid is self.solid:
             return self
         continued = solid, *continued_surface(solid, self.heights, self.potential)
-        return eqx.tree_at(lambda c: (c.solid, c.heights, c.potential), self, continued)
+        whole = eqx.tree_at(lambda c: (c.solid, c.heights, c.potential), self, continued)
+        return whole.with_hardness(continued_hardness(self.hardness, self.heights))
 
     @property
     def profile(self) -> Profile:
@@ -238,7 +260,50 @@ class Contact(eqx.Module):
         """
         solid = self.solid.scaled(1 / pressure)
         law = Scaled(self.potential, 1 / pressure, has_core)
-        return eqx.tree_at(lambda contact: (contact.solid, contact.potential), self, (solid, law))
+        own = eqx.tree_at(lambda contact: (contact.solid, contact.potential), self, (solid, law))
+        if self.hardness is None:
+            return own
+        return own.with_hardness(self.hardness / pressure)
+
+    def after(self, state: "HasIndentation") -> "Contact":
+        """Return the contact over the surface that a state leaves: lower by its indentation.
+
+        Arguments:
+            state: an equilibrium of this contact, or a state of a path that has its fields.
+        """
+        held: Any = getattr(state, "equilibrium", state)
+        indentation = held.indentation
+        if indentation is None:
+            if self.hardness is None:
+                return self
+            raise ValueError(
+                "The state has no indentation: give an equilibrium, the last state of a path, or "
+                "one of a path with fields=True."
+            )
+        return self.with_indentation(indentation)
+
+    def with_indentation(self, depth: Field) -> "Contact":
+        """Return the contact over a surface that lies lower by a depth [length]."""
+        require_shape("The indentation", depth.shape, self.grid.shape, "give one of its states.")
+        return eqx.tree_at(lambda c: c.heights, self, _lowered(self.heights, depth))
+
+    @property
+    def elastic(self) -> "Contact":
+        """The same contact, of which nothing yields."""
+        return self.with_hardness(None)
+
+    def with_hardness(self, hardness: Array | None) -> "Contact":
+        """Return the same contact with another hardness, not checked, or None."""
+        return eqx.tree_at(
+            lambda contact: contact.hardness, self, hardness, is_leaf=lambda leaf: leaf is None
+        )
+
+    @property
+    def largest_reaction(self) -> Field | None:
+        """H + f'(0), the reaction at which a point yields; None on a surface that does not."""
+        if self.hardness is None:
+            return None
+        return self.hardness + slope(self.potential, jnp.zeros_like(self.heights))
 
     def gap(self, displacement: Field) -> Field:
         """Return g = u - h (Rey & Bleyer, eq. 2) [length]."""
@@ -249,7 +314,10 @@ class Contact(eqx.Module):
         return model.displacement_of(gap, self.heights) + self.datum
 
     def energy(self, gap: Field) -> Scalar:
-        """Return the potential energy of the surface (Rey & Bleyer, eq. 5) [energy]."""
+        """Return the potential energy of the surface (Rey & Bleyer, eq. 5) [energy].
+
+        Of a gap that is signed, on a surface that yields, it leaves out the plastic work.
+        """
         return self.pressures(gap).energy * self.grid.cell_area
 
     @property
@@ -261,15 +329,39 @@ class Contact(eqx.Module):
     @property
     def pressures(self) -> Callable[[Field], Pressures]:
         """The map from a gap to K u, f'(g) and f''(g), K prepared once, here."""
-        return pressures_of(self.solid, self.heights, self.potential)
+        return pressures_of(self.solid, self.heights, self.potential, self.hardness)
+
+    def open_gap(self, gap: Field) -> Field:
+        """Return g where the gap is signed, as on a surface that yields [length]."""
+        if self.hardness is None:
+            return gap
+        return model.open_part(gap)
+
+    def shut(self, gap: Field) -> Field:
+        """Return the gap of points in contact: zero, or less where a signed gap is [length]."""
+        if self.hardness is None:
+            return jnp.zeros_like(gap)
+        return jnp.minimum(gap, 0)
 
     def curvature(self, gap: Field) -> Field:
-        """Return f''(g), the diagonal of D (Rey & Bleyer, eq. 24) [pressure/length]."""
-        return curvature(self.potential, gap)
+        """Return f''(g), the diagonal of D (Rey & Bleyer, eq. 24) [pressure/length].
+
+        It is zero where a signed gap is negative, since the surface yields there.
+        """
+        curvatures = curvature(self.potential, self.open_gap(gap))
+        if self.hardness is None:
+            return curvatures
+        return jnp.where(gap < 0, 0, curvatures)
 
     def control(self, load: Load) -> Control:
-        """Return the condition that a load sets on the gap here."""
-        return load.relative_to(self.datum).control(self.solid, self.heights)
+        """Return the condition that load and surface set on the gap."""
+        control = load.relative_to(self.datum).control(self.solid, self.heights)
+        largest = self.largest_reaction
+        if largest is None:
+            return control
+        return eqx.tree_at(
+            lambda c: c.largest_reaction, control, largest, is_leaf=lambda leaf: leaf is None
+        )
 
     def hessian(self, gap: Field, control: Control | None = None) -> Hessian:
         """Return the operator A = K + D (Rey & Bleyer, eq. 24) [pressure/length].
@@ -287,9 +379,14 @@ class Contact(eqx.Module):
         return conforming_pressure(self.solid, self.heights)
 
     def balance(self, control: Control) -> Callable[[Field], Balance]:
-        """Return the map from a gap, nowhere negative, to how far it is from equilibrium."""
+        """Return the map from a gap, nowhere negative or signed, to how far it is from balance."""
         escape = control.escape_gap(self.profile)
-        return balance_of(self.solid, self.heights, self.potential, control, escape)
+        return balance_of(self.solid, self.heights, self.potential, self.hardness, control, escape)
+
+
+@program
+def _lowered(heights: Field, indentation: Field) -> Field:
+    return heights - indentation
 
 
 def require_contact(contact: Contact) -> None:
@@ -312,6 +409,16 @@ def require_contact(contact: Contact) -> None:
         raise ValueError(
             f"These are several contacts, a batch of shape {batch}: call this function inside of "
             "jax.vmap, or choose one by jax.tree.map(lambda leaf: leaf[0], contact)."
+        )
+
+
+def require_elastic(contact: Contact, owner: str) -> None:
+    """Raise `ValueError` for a contact with a hardness, in a function that takes none."""
+    if contact.hardness is not None:
+        raise ValueError(
+            f"The contact has a hardness, and {owner} takes no surface that yields: give "
+            "contact.after(state).elastic, the surface that a state leaves, as it is then, or "
+            "contact.elastic, the surface before. jaxstab.follow goes on with the indentation."
         )
 
 

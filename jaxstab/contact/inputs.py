@@ -10,16 +10,25 @@ from jax.typing import DTypeLike
 from jaxtyping import Array
 
 from jaxstab.core.checks import (
+    cast,
+    concrete,
     is_readable,
+    is_traced,
     numbers,
+    parameter,
+    possible,
+    require,
     require_finite,
     require_shape,
 )
+from jaxstab.core.compile import program
+from jaxstab.core.display import text
 from jaxstab.core.grid import Grid
 from jaxstab.core.types import ArrayLike
 from jaxstab.core.units import unit_of
-from jaxstab.potentials.evaluation import as_module
+from jaxstab.potentials.evaluation import as_module, slope
 from jaxstab.potentials.varying import Potential, varying_fields, with_fields
+from jaxstab.solids import Viscoelastic
 from jaxstab.solids.solid import Solid
 
 if TYPE_CHECKING:
@@ -91,6 +100,51 @@ def require_sound(
 
     require_finite("A height", jnp.asarray(heights), FILL)
     warn_of_faults(heights, topography, solid.grid.lengths, solid.is_window)
+
+
+def hardness_on(
+    solid: Solid, potential: Potential, hardness: ArrayLike | None, dtype: DTypeLike
+) -> Array | None:
+    """Return the hardness of a surface as an array, checked; None if it is infinite everywhere.
+
+    Where it is traced and impossible it is NaN.
+    """
+    if hardness is None:
+        return None
+    grid = solid.grid
+    if isinstance(solid, Viscoelastic):
+        raise ValueError(
+            "The solid is Viscoelastic and has a hardness: no indentation is computed in time. "
+            "Leave out `hardness`, or give the elastic solid `solid.relaxed`."
+        )
+    given = cast(parameter(hardness, "The hardness"), dtype)
+    if given.ndim:
+        require_shape("The hardness", given.shape, grid.shape, "give one number for each point.")
+        given = grid.device_put(given)
+    known = concrete(given)
+    require("The hardness", known, known > 0, "it must be positive.")
+    if not is_traced(given) and np.all(known == np.inf):
+        return None
+    repulsion = _repulsion(potential, jnp.zeros(grid.shape, dtype))
+    is_enough = _allows_contact(given, repulsion)
+    if not is_traced(is_enough) and not np.all(concrete(is_enough)):
+        raise ValueError(
+            f"The hardness is {text(given)}, but at zero gap the law repels by "
+            f"{float(jnp.max(repulsion)):.3g}, so that it allows no contact: give a larger "
+            "hardness, or a law that does not repel at zero gap."
+        )
+    return possible(given, is_enough)
+
+
+@program
+def _repulsion(potential: Potential, nothing: Array) -> Array:
+    """Return -f'(0) at every point [pressure]."""
+    return -slope(potential, nothing)
+
+
+@program
+def _allows_contact(hardness: Array, repulsion: Array) -> Array:
+    return jnp.all((hardness > 0) & (hardness > repulsion))
 
 
 def law_on(grid: Grid, potential: Potential, dtype: DTypeLike) -> Potential:

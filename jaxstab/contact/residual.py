@@ -4,6 +4,7 @@ from collections.abc import Callable
 
 import equinox as eqx
 import jax.numpy as jnp
+from jaxtyping import Array
 
 from jaxstab.core import model
 from jaxstab.core.accuracy import EQUILIBRIUM
@@ -31,7 +32,9 @@ class Pressures(eqx.Module):
         elastic: K u [pressure].
         density: f(g) [energy/area].
         attraction: f'(g) [pressure].
-        curvature: f''(g) [pressure/length].
+        curvature: f''(g), zero where the surface yields [pressure/length].
+        plastic: H z, the plastic work of the indentation z; None on a surface that does not yield
+            [energy/area].
     """
 
     displacement: Field
@@ -39,6 +42,7 @@ class Pressures(eqx.Module):
     density: Field
     attraction: Field
     curvature: Field
+    plastic: Field | None
 
     @property
     def gradient(self) -> Field:
@@ -55,7 +59,9 @@ class Balance(eqx.Module):
     """How far a gap is from equilibrium (Rey & Bleyer, eqs. 9 and 10).
 
     In equilibrium the net pressure K u + p0 + f'(g) is zero where g > 0 and not negative where g =
-    0. The imbalance is the part of the net pressure that violates this. The residual is the rms of
+    0. On a surface of hardness H the gap is signed, g less the indentation z: the net pressure is
+    not above H + f'(0) where it is zero, and equal to that where it is negative. The imbalance is
+    the part of the net pressure that violates this. The residual is the rms of
     the imbalance over a scale. The scale is the rms of K u and, where g > 0, of the attraction that
     the load does not balance by itself. Under a held mean gap that is f' less its mean, otherwise
     f' + p0. It is at least a hundredth of the rms of K h, in single precision a tenth, since that
@@ -69,7 +75,8 @@ class Balance(eqx.Module):
         curvature: f''(g) [pressure/length].
         elastic_energy: u.Ku / 2 (Rey & Bleyer, eq. 15) [energy/area].
         adhesion: sum f(g) [energy/area].
-        mean_gap: the mean of g on which the load does its work [length].
+        plastic_work: sum H z; None on a surface that does not yield [energy/area].
+        mean_gap: the mean of g - z on which the load does its work [length].
         residual: the relative optimality residual.
         has_escaped: whether the load has separated the surfaces for good.
     """
@@ -78,6 +85,7 @@ class Balance(eqx.Module):
     curvature: Field
     elastic_energy: Scalar
     adhesion: Scalar
+    plastic_work: Scalar | None
     mean_gap: Scalar
     residual: Scalar
     has_escaped: Flag
@@ -87,18 +95,36 @@ class Balance(eqx.Module):
         """u.Ku / 2 + sum f(g), as `Pressures.energy`, of sums that share a pass [energy/area]."""
         return self.elastic_energy + self.adhesion
 
+    @property
+    def potential(self) -> Scalar:
+        """The energy and the plastic work, of which a state is a minimum [energy/area]."""
+        if self.plastic_work is None:
+            return self.energy
+        return self.energy + self.plastic_work
+
 
 def pressures_of(
-    solid: Solid, heights: Field, potential: Potential
+    solid: Solid, heights: Field, potential: Potential, hardness: Array | None
 ) -> Callable[[Field], Pressures]:
-    """Return the map from a gap to its pressures, with K prepared once, here."""
+    """Return the map from a gap to its pressures, with K prepared once, here.
+
+    On a surface with a hardness the gap is signed.
+    """
     K = solid.with_uniform_stiffness(0).apply
     # K ignores a constant, but loses digits to it.
     heights = _from_first(heights)
 
     def pressures(gap: Field) -> Pressures:
         displacement = _from_first(gap) + heights
-        return Pressures(displacement, K(displacement), *derivatives(potential, gap))
+        elastic = K(displacement)
+        if hardness is None:
+            return Pressures(displacement, elastic, *derivatives(potential, gap), None)
+        yields = gap < 0
+        density, attraction, curvature = derivatives(potential, model.open_part(gap))
+        # An infinite hardness, where nothing yields, is no number to be multiplied by zero.
+        plastic = jnp.where(yields, hardness, 0) * model.closed_part(gap)
+        curvature = jnp.where(yields, 0, curvature)
+        return Pressures(displacement, elastic, density, attraction, curvature, plastic)
 
     return pressures
 
@@ -107,11 +133,12 @@ def balance_of(
     solid: Solid,
     heights: Field,
     potential: Potential,
+    hardness: Array | None,
     control: Control,
     escape: Scalar,
 ) -> Callable[[Field], Balance]:
-    """Return the map from a gap, nowhere negative, to how far it is from equilibrium."""
-    pressures_at = pressures_of(solid, heights, potential)
+    """Return the map from a gap, nowhere negative or signed, to how far it is from equilibrium."""
+    pressures_at = pressures_of(solid, heights, potential, hardness)
     stiffest = solid.max_stiffness
     conforming = conforming_pressure(solid, heights)
     smallest_scale = least_scale(conforming)
@@ -123,7 +150,7 @@ def balance_of(
         attraction = pressures.attraction
         curvature = pressures.curvature
         net = control.net_pressure(pressures.gradient, gap)
-        imbalance = model.imbalance(net, gap)
+        imbalance = control.imbalance(net, gap)
         # Between flat surfaces only attraction and p0 tell how much is little.
         whole = jnp.abs(attraction) + jnp.abs(net - elastic - attraction)
         resisting = control.resisting(attraction, gap)
@@ -133,14 +160,20 @@ def balance_of(
         share = jnp.where(curvature == jnp.inf, 1, stiffest / jnp.maximum(curvature, stiffest))
         squares = elastic**2 + (share * resisting) ** 2, (share * imbalance) ** 2, gap**2
         work = pressures.displacement * elastic
-        sums = totals([work, pressures.density, gap, *squares])
+        fields = [work, pressures.density, gap, *squares]
+        if pressures.plastic is not None:
+            fields.append(pressures.plastic)
+        sums = totals(fields)
         twice_elastic = sums[0]
         adhesion = sums[1]
+        plastic_work = None
+        if pressures.plastic is not None:
+            plastic_work = sums[6]
         level = sums[2] / gap.size
         mean_gap = level
         if solid.punch is not None:
             mean_gap = control.mean_gap_of(gap)
-        balancing, residual, size = jnp.sqrt(sums[3:] / gap.size)
+        balancing, residual, size = jnp.sqrt(sums[3:6] / gap.size)
         scale = scale_of(balancing, smallest_scale, stiffest, size)
         is_nearly_flat = (spread > 0) & (spread < _FLAT * level)
         residual = jnp.where(residual == 0, 0, residual / jnp.where(residual == 0, 1, scale))
@@ -153,6 +186,7 @@ def balance_of(
             curvature=curvature,
             elastic_energy=twice_elastic / 2,
             adhesion=adhesion,
+            plastic_work=plastic_work,
             mean_gap=mean_gap,
             residual=jnp.maximum(residual, mean_imbalance),
             has_escaped=control.has_escaped(gap, escape),

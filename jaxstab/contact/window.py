@@ -2,6 +2,7 @@
 
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array
 
 from jaxstab.core.compile import program
 from jaxstab.core.types import Field
@@ -25,6 +26,18 @@ def continued_surface(solid: Solid, heights: Field, law: Potential) -> tuple[Fie
     fields = [mirrored(field) for field in varying_fields(law)]
     is_there = solid.grid.device_put(where_window(heights))
     return padded(heights, lowest - depth), Within(with_fields(law, fields), is_there)
+
+
+def continued_hardness(hardness: Array | None, heights: Field) -> Array | None:
+    """Return the hardness on the padded grid: beyond the surface nothing yields [pressure]."""
+    if hardness is None:
+        return None
+    return _continued_hardness(hardness, heights)
+
+
+@program
+def _continued_hardness(hardness: Array, heights: Field) -> Array:
+    return padded(jnp.broadcast_to(hardness, heights.shape), jnp.inf)
 
 
 def depth_of_edges(heights: np.ndarray) -> float:

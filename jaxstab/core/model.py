@@ -63,14 +63,51 @@ def hessian(K: FieldMap, curvature: Field, field: Field) -> Field:
     return K(field) + curvature * field
 
 
+def open_part(gap: Field) -> Field:
+    """Return g, the part of a signed gap above zero, whose derivative at zero is one [length]."""
+    return jnp.where(gap < 0, 0, gap)
+
+
+def closed_part(gap: Field) -> Field:
+    """Return the depth of the indentation, the part of a signed gap below zero [length]."""
+    return jnp.where(gap < 0, -gap, 0)
+
+
 def reaction(net: Field, gap: Field) -> Field:
     """Return mu, the net pressure K u + p0 + f'(g) in contact, zero elsewhere (9) [pressure]."""
     return jnp.where(gap > 0, 0, net)
 
 
-def imbalance(net: Field, gap: Field) -> Field:
-    """Return the violation of (10): the net pressure out of contact, tension in it [pressure]."""
-    return jnp.where(gap > 0, net, jnp.minimum(net, 0))
+def free_points(gap: Field, largest: Field | None) -> Mask:
+    """Return where a gap is open, or a signed one is not zero: the points that may move freely."""
+    if largest is None:
+        return gap > 0
+    return gap != 0
+
+
+def on_side(net: Field, side: Field, largest: Field | None) -> Field:
+    """Return the force on points that leave zero to a side, or have done so [pressure].
+
+    It is the net pressure, less the largest reaction where the side is negative, as there the
+    surface yields.
+    """
+    if largest is None:
+        return net
+    return jnp.where(side < 0, net - largest, net)
+
+
+def imbalance(net: Field, gap: Field, largest: Field | None = None) -> Field:
+    """Return the violation of (10): the net pressure out of contact, tension in it [pressure].
+
+    Where a reaction has an upper bound, so that the surface yields, also the pressure beyond it;
+    and where the surface has yielded the difference of the two.
+    """
+    tension = jnp.minimum(net, 0)
+    if largest is None:
+        return jnp.where(gap > 0, net, tension)
+    excess = net - largest
+    held = tension + jnp.maximum(excess, 0)
+    return jnp.where(gap > 0, net, jnp.where(gap < 0, excess, held))
 
 
 def load_pressure(mean_pressure: ArrayLike, punch: Field | None) -> ArrayLike:
@@ -80,12 +117,15 @@ def load_pressure(mean_pressure: ArrayLike, punch: Field | None) -> ArrayLike:
     return mean_pressure * punch
 
 
-def held_mean_pressure(gradient: Field, gap: Field, punch: Field | None = None) -> Scalar:
+def held_mean_pressure(
+    gradient: Field, gap: Field, punch: Field | None = None, largest: Field | None = None
+) -> Scalar:
     """Return p0, the multiplier of the mean gap: (10) in the mean over the free points."""
-    mean_pressure = -mean_over(gap > 0, gradient)
+    is_free = free_points(gap, largest)
+    mean_pressure = -mean_over(is_free, on_side(gradient, gap, largest))
     if punch is None:
         return mean_pressure
-    share = mean_over(gap > 0, punch)
+    share = mean_over(is_free, punch)
     return mean_pressure / jnp.where(share > 0, share, 1)
 
 
@@ -94,14 +134,76 @@ def onto_load(gap: Field, mean_gap: ArrayLike) -> Field:
     return gap * (mean_gap * gap.size / total(gap))
 
 
+def onto_load_with_indentation(gap: Field, mean_gap: ArrayLike) -> Field:
+    """Return a signed gap of the mean that is prescribed, of which one part is scaled.
+
+    It is the open part, or if no scale of that has the mean, as where hardly a point is open, the
+    closed part. Where there is neither, all of it is shifted.
+    """
+    is_open = gap > 0
+    opened, closed = totals([jnp.where(is_open, gap, 0), jnp.where(is_open, 0, gap)])
+    wanted = mean_gap * gap.size
+    scales_open = (opened > 0) & (wanted > closed)
+    scales_closed = (closed < 0) & (wanted < opened)
+    open_scale = (wanted - closed) / jnp.where(scales_open, opened, 1)
+    closed_scale = (wanted - opened) / jnp.where(scales_closed, closed, 1)
+    by_closed = jnp.where(is_open, 1, closed_scale) * gap
+    otherwise = jnp.where(scales_closed, by_closed, gap + (wanted - opened - closed) / gap.size)
+    return jnp.where(scales_open, jnp.where(is_open, open_scale, 1) * gap, otherwise)
+
+
+def cut(gap: Field, side: Field) -> Field:
+    """Return a signed gap, cut at zero where it has left the side on which it was."""
+    return jnp.where(side * gap > 0, gap, 0)
+
+
 def onto_space(field: Field, is_moving: Mask) -> Field:
     """Return the nearest perturbation of V0 (16): of zero mean, on the points that may move."""
     return jnp.where(is_moving, field - mean_over(is_moving, field), 0)
 
 
-def onto_one_sided(field: Field, one_sided: Mask, is_moving: Mask) -> Field:
+def inward(field: Field, sign: Field | None) -> Field:
+    """Return a field times the sign that it has in a cone, None for a positive one everywhere."""
+    if sign is None:
+        return field
+    return sign * field
+
+
+def onto_one_sided(
+    field: Field, one_sided: Mask, is_moving: Mask, sign: Field | None = None
+) -> Field:
     """Return the nearest field of C (25, 26): x >= 0 in contact, whatever its mean."""
-    return jnp.where(is_moving, jnp.where(one_sided, jnp.maximum(field, 0), field), 0)
+    within = inward(jnp.maximum(inward(field, sign), 0), sign)
+    return jnp.where(is_moving, jnp.where(one_sided, within, field), 0)
+
+
+def onto_cone_of_signs(field: Field, one_sided: Mask, is_moving: Mask, sign: Field) -> Field:
+    """Return the nearest field of zero mean with a sign of its own at each one-sided point.
+
+    It is x - s, cut at zero where its sign is wrong, as in `onto_cone`. The mean of that decreases
+    with the shift s, but is neither convex nor concave: a step of Newton's method is taken within
+    the bracket of the root, which is halved otherwise.
+    """
+    highest = jnp.max(jnp.where(is_moving, field, -jnp.inf))
+    lowest = jnp.min(jnp.where(is_moving, field, jnp.inf))
+    least = jnp.finfo(field.dtype).eps * total(jnp.where(is_moving, jnp.abs(field), 0))
+
+    def step(state: tuple[Array, ...]) -> tuple[Array, ...]:
+        shift, low, high, _ = state
+        mask = is_moving & ((sign * (field - shift) > 0) | ~one_sided)
+        left, number = totals([jnp.where(mask, field - shift, 0), mask.astype(field.dtype)])
+        low = jnp.where(left > 0, shift, low)
+        high = jnp.where(left < 0, shift, high)
+        newton = shift + left / jnp.maximum(number, 1)
+        middle = (low + high) / 2
+        following = jnp.where((newton > low) & (newton < high), newton, middle)
+        goes_on = (jnp.abs(left) > least) & (following != shift)
+        return jnp.where(goes_on, following, shift), low, high, goes_on
+
+    start = (lowest + highest) / 2, lowest, highest, lowest < highest
+    shift, *_ = jax.lax.while_loop(lambda state: state[3], step, start)
+    shift = jnp.where(jnp.isfinite(shift), shift, 0)
+    return onto_one_sided(field - shift, one_sided, is_moving, sign)
 
 
 def onto_cone(field: Field, one_sided: Mask, is_moving: Mask) -> Field:

@@ -31,10 +31,12 @@ def changes_of_fields(
     inputs = contact, load = finite(is_found, inputs)
     fields = finite(is_found, fields)
     gap = fields["gap"]
-    is_free = gap > 0
-    control = contact.control(load)
     net = fields["pressure"] + slope(contact.potential, gap)
-    residual = model.imbalance(net, gap)
+    if "indentation" in fields:
+        gap = gap - fields["indentation"]
+    control = contact.control(load)
+    is_free = model.free_points(gap, control.largest_reaction)
+    residual = control.imbalance(net, gap)
     sharpness = jnp.max(jnp.abs(jnp.where(is_free, third_derivative(contact, gap), 0)))
 
     def is_sound(moved: Field, right_side: Field) -> Flag:
@@ -43,7 +45,9 @@ def changes_of_fields(
         error = sharpness * jnp.sqrt(total(residual**2)) / eigenvalue**2
         return error < _MAX_ERROR
 
-    is_undefined = ~is_found | jnp.any(changing_points(net, gap, contact.solid))
+    is_undefined = ~is_found | jnp.any(
+        changing_points(net, gap, contact.solid, control.largest_reaction)
+    )
     system = free_system(contact, control, gap)
     change, imbalance = tangent_of(partial(fields_of, gap=gap), inputs, changes)
     right_side = jnp.where(is_undefined, 0, -imbalance)
@@ -51,7 +55,7 @@ def changes_of_fields(
     _, (response, _) = jax.jvp(partial(fields_of, contact, load), (gap,), (moved,))
     sums = {name: change[name] + response[name] for name in fields}
     undefined = dict.fromkeys(fields, is_undefined)
-    if control.fixes_mean:
+    if control.fixes_mean and contact.hardness is None:
         # No move of the free points that keeps the mean gap does work to first order, nor does it
         # matter which of them are free.
         sums["energy"] = change["energy"]
@@ -61,7 +65,7 @@ def changes_of_fields(
 
 def free_system(contact: Contact, control: Control, gap: Field) -> LinearSystem:
     """Return the system of A on the free points, for an A that is positive there."""
-    is_free = gap > 0
+    is_free = model.free_points(gap, control.largest_reaction)
     hessian = contact.hessian(gap, control).restriction(is_free)
     adhesion = total(jnp.maximum(hessian.curvature, 0)) / gap.size
     inverse = hessian.inverse(contact.solid.min_stiffness + adhesion)
@@ -73,14 +77,17 @@ def third_derivative(contact: Contact, gap: Field) -> Field:
     return jax.jvp(contact.curvature, (gap,), (jnp.ones_like(gap),))[1]
 
 
-def changing_points(net: Field, gap: Field, solid: Solid) -> Mask:
-    """Return where there is hardly any reaction, or hardly any gap."""
-    noise = pressure_noise(net, gap)
-    return jnp.where(gap > 0, gap * solid.max_stiffness, net) <= noise
+def changing_points(net: Field, gap: Field, solid: Solid, largest: Field | None = None) -> Mask:
+    """Return where there is hardly any reaction, or hardly any gap; or where they hardly yield."""
+    noise = pressure_noise(net, gap, largest)
+    if largest is None:
+        return jnp.where(gap > 0, gap * solid.max_stiffness, net) <= noise
+    margin = jnp.minimum(net, largest - net)
+    return jnp.where(gap == 0, margin, jnp.abs(gap) * solid.max_stiffness) <= noise
 
 
-def pressure_noise(net: Field, gap: Field) -> Scalar:
+def pressure_noise(net: Field, gap: Field, largest: Field | None = None) -> Scalar:
     """Return the least pressure above the residual and rounding."""
     rounding = rounding_of_fields(gap.dtype)
-    squares = 1e2 * model.imbalance(net, gap) ** 2 + (rounding * net) ** 2
+    squares = 1e2 * model.imbalance(net, gap, largest) ** 2 + (rounding * net) ** 2
     return jnp.sqrt(total(squares) / gap.size)

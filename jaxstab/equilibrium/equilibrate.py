@@ -20,6 +20,7 @@ from jaxstab.core.types import ArrayLike, Field
 from jaxstab.equilibrium.derivatives import changes_of_fields
 from jaxstab.equilibrium.equilibrium import (
     DIFFERENTIABLE,
+    OF_YIELDING,
     Equilibrium,
     State,
     equilibrium_at,
@@ -48,11 +49,17 @@ def equilibrate(
     starts. If surface and start share a symmetry, the result has it too. It can then be a saddle
     between states without the symmetry: to avoid this, start from a gap without it.
 
+    With a hardness H (`Contact`) the pressure is nowhere above H. Where it is H, the surface is
+    flattened by the `indentation` z, from the surface as the contact has it. The state is a minimum
+    of u.Ku / 2 + sum f(g) + H sum z, z >= 0, with u = g + h - z. Loads act on u: `MeanGap` holds
+    the mean of u - h, over the surface before it is flattened. A contact that has been flattened
+    before remembers it in its heights: see `Contact.after`, and `jaxstab.follow`.
+
     Fields, mean pressure and energy are differentiable functions of the contact and the load, in
     both modes and to any order. Contact area, residual and history count as constants, and so does
     the start of the solver. A derivative is NaN where it does not exist: without a converged
     equilibrium, at a fold, and where a gap or a reaction is zero to within the residual, that is,
-    if a point is about to touch or to be released.
+    if a point is about to touch or to be released, or to yield.
 
     Arguments:
         contact: the contact problem.
@@ -122,7 +129,10 @@ def solve(contact: Contact, load: Load, solver: EquilibriumSolver, start: Field)
 def with_derivatives(found: Equilibrium, inputs: tuple[Contact, Load]) -> Equilibrium:
     """Return an equilibrium as a differentiable function of the contact and the load."""
     contact, load = inputs
-    fields = {name: getattr(found, name) for name in DIFFERENTIABLE}
+    names = DIFFERENTIABLE
+    if found.indentation is not None:
+        names += OF_YIELDING
+    fields = {name: getattr(found, name) for name in names}
     fields = attach(changes_of_fields, fields, found.result == RESULTS.successful, inputs)
     return replace(found, **fields, load=load, area=contact.area)
 
@@ -145,9 +155,11 @@ def _find(contact: Contact, load: Load, solver: EquilibriumSolver, initial: Fiel
 def starting_gap(contact: Contact, load: Load, initial: Field) -> Field:
     """Return a gap to start a solver from, NaN for a load or a contact without an answer."""
     control = contact.control(load)
-    start = jnp.maximum(initial.astype(contact.heights.dtype), 0)
+    start = initial.astype(contact.heights.dtype)
+    if contact.hardness is None:
+        start = jnp.maximum(start, 0)
     size = jnp.ones((), start.dtype)
-    if control.fixes_mean:
+    if control.fixes_mean and contact.hardness is None:
         size = jnp.max(start)
     start = start / jnp.where(control.is_feasible & contact.is_valid, size, jnp.nan)
     gap = control.restore(start)
@@ -163,7 +175,7 @@ def conclude(contact: Contact, load: Load, iteration: Iteration[SolverState]) ->
     is_finite = jnp.isfinite(balance.energy) & control.is_met(gap)
     result = RESULTS.where(is_finite, iteration.result, RESULTS.nonfinite)
     if contact.solid.is_window:
-        is_sunk = jnp.sum(gap == 0) > jnp.sum(contact.solid.surface(gap == 0))
+        is_sunk = jnp.sum(gap <= 0) > jnp.sum(contact.solid.surface(gap <= 0))
         result = RESULTS.where(is_sunk, RESULTS.sunk, result)
     result = RESULTS.where(balance.has_escaped, RESULTS.pulled_off, result)
     result = RESULTS.where(control.is_feasible, result, RESULTS.infeasible_load)

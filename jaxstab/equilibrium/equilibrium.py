@@ -13,7 +13,7 @@ from jaxstab.core import model
 from jaxstab.core.checks import are_finite, require_finite, require_shape, where_known
 from jaxstab.core.compile import program
 from jaxstab.core.display import Outcome
-from jaxstab.core.grid import mean
+from jaxstab.core.grid import mean, total
 from jaxstab.core.history import History
 from jaxstab.core.results import RESULTS
 from jaxstab.core.stack import require_single
@@ -32,8 +32,9 @@ from jaxstab.potentials.evaluation import slope
 
 Fields = dict[str, Array]
 
-# The fields of an `Equilibrium` that can be differentiated.
+# The fields of an `Equilibrium` that can be differentiated, and those of a surface that yields.
 DIFFERENTIABLE = ("displacement", "gap", "pressure", "reaction", "mean_pressure", "energy")
+OF_YIELDING = ("indentation", "plastic_work")
 
 
 class PressedSurface(Outcome):
@@ -84,6 +85,9 @@ class Equilibrium(PressedSurface):
             the energy of the surface over the area of one cell [energy/area].
         units: the units of length and of pressure, None where unknown.
         is_window: whether the surface is a window, pressed by a force, and not repeated.
+        indentation: z, the depth by which the surface, as the contact has it, has been flattened
+            for good [length]; u = g + h - z. None on a surface without a hardness.
+        plastic_work: sum H z over the surface, which that took [energy]; None likewise.
 
     Example:
         >>> f"{state.gap.mean():.3f}, {state.gap.min():.1f}"
@@ -106,6 +110,31 @@ class Equilibrium(PressedSurface):
     history: History
     units: Units = eqx.field(static=True, default=NO_UNITS, repr=False)
     is_window: bool = eqx.field(static=True, default=False, repr=False)
+    indentation: Annotated[Field, LENGTH] | None = None
+    plastic_work: Annotated[Scalar, ENERGY] | None = None
+
+    @property
+    def signed_gap(self) -> Field:
+        """The gap where the surfaces are apart, less the indentation where they yield [length]."""
+        if self.indentation is None:
+            return self.gap
+        return _signed(self.gap, self.indentation)
+
+    @property
+    def is_yielding(self) -> Mask | None:
+        """Where the surface yields: where there is indentation; None without a hardness."""
+        if self.indentation is None:
+            return None
+        return self.indentation > 0
+
+    @property
+    def yielded_area(self) -> Scalar | None:
+        """The number of yielding points over the number of all; None without a hardness."""
+        is_yielding = self.is_yielding
+        if is_yielding is None:
+            return None
+        sides = tuple(range(self.contact_area.ndim, self.gap.ndim))
+        return jnp.mean(is_yielding.astype(self.gap.dtype), axis=sides)
 
     def in_units_of(self, pressure: Scalar) -> "Equilibrium":
         """Return the same with pressures in another unit; no result where its energy overflows."""
@@ -120,31 +149,47 @@ class Equilibrium(PressedSurface):
         return jnp.mean(self.gap, axis=sides)
 
 
-def fields_of(contact: Contact, load: Load, gap: Field) -> tuple[Fields, Field]:
-    """Return the differentiable fields of an equilibrium and its net pressure.
+@program
+def _signed(gap: Field, indentation: Field) -> Field:
+    return gap - indentation
 
-    Its gap, brought under the load if the load is another one, moves with it.
+
+def fields_of(contact: Contact, load: Load, gap: Field) -> tuple[Fields, Field]:
+    """Return the differentiable fields of an equilibrium, and the force on its free points.
+
+    Its gap, signed on a surface that yields, is brought under the load if the load is another one,
+    and moves with it.
     """
     control = contact.control(load)
     gap = control.restore(gap)
     pressures = contact.pressures(gap)
     net = control.net_pressure(pressures.gradient, gap)
     energy = pressures.energy * contact.grid.cell_area
-    return fields_at(contact, gap, net, energy), net
+    plastic_work = None
+    if pressures.plastic is not None:
+        plastic_work = total(pressures.plastic) * contact.grid.cell_area
+    fields = fields_at(contact, gap, net, energy, plastic_work)
+    return fields, model.on_side(net, gap, control.largest_reaction)
 
 
-def fields_at(contact: Contact, gap: Field, net: Field, energy: Scalar) -> Fields:
+def fields_at(
+    contact: Contact, gap: Field, net: Field, energy: Scalar, plastic_work: Scalar | None
+) -> Fields:
     """Return the differentiable fields of a state from its gap, NaN where it is, and the rest."""
-    attraction = slope(contact.potential, gap)
+    opened = contact.open_gap(gap)
+    attraction = slope(contact.potential, opened)
     reaction = model.reaction(net, gap)
-    return {
+    fields = {
         "displacement": contact.displacement(gap),
-        "gap": gap,
+        "gap": opened,
         "pressure": net - attraction,
         "reaction": reaction,
         "mean_pressure": mean(contact.solid.surface(reaction - attraction)),
         "energy": energy,
     }
+    if plastic_work is None:
+        return fields
+    return fields | {"indentation": model.closed_part(gap), "plastic_work": plastic_work}
 
 
 def _in_contact(contact: Contact, gap: Field, curvature: Field) -> tuple[Mask, Scalar]:
@@ -165,9 +210,15 @@ def _in_contact(contact: Contact, gap: Field, curvature: Field) -> tuple[Mask, S
 def equilibrium_at(
     contact: Contact, load: Load, gap: Field, balance: Balance, **how: Any
 ) -> Equilibrium:
-    """Return the state of a gap and its balance, given how it was found: residual, steps, ..."""
+    """Return the state of a gap and its balance, given how it was found: residual, steps, ...
+
+    On a surface that yields the gap is signed.
+    """
     energy = balance.energy * contact.grid.cell_area
-    in_contact, area_fraction = _in_contact(contact, gap, balance.curvature)
+    plastic_work = balance.plastic_work
+    if plastic_work is not None:
+        plastic_work = plastic_work * contact.grid.cell_area
+    in_contact, area_fraction = _in_contact(contact, contact.open_gap(gap), balance.curvature)
     return Equilibrium(
         load=load,
         in_contact=in_contact,
@@ -175,7 +226,7 @@ def equilibrium_at(
         area=contact.area,
         units=contact.units,
         is_window=contact.solid.is_window,
-        **fields_at(contact, gap, balance.net, energy),
+        **fields_at(contact, gap, balance.net, energy, plastic_work),
         **how,
     )
 

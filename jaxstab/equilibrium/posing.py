@@ -66,8 +66,44 @@ def pose(contact: Contact, load: Load) -> Posed[Load]:
 
 
 def posed_state(contact: Contact, equilibrium: Equilibrium) -> Posed[Equilibrium]:
-    """Return a contact and one of its equilibria, on the grid and in the unit of solvers."""
-    return _pose(*padded_state(contact, equilibrium))
+    """Return a contact and one of its equilibria, on the grid and in the unit of solvers.
+
+    A contact that yields is the one over the surface that the state leaves, on which it is an
+    equilibrium without indentation.
+    """
+    return _pose(*padded_state(*as_left(contact, equilibrium)))
+
+
+def as_left(contact: Contact, equilibrium: Equilibrium) -> tuple[Contact, Equilibrium]:
+    """Return the contact over the surface that a state leaves, and the state as one of it."""
+    if contact.hardness is None:
+        return contact, replace(equilibrium, indentation=None, plastic_work=None)
+    return contact.after(equilibrium), _without_indentation(equilibrium)
+
+
+@program
+def _without_indentation(equilibrium: Equilibrium) -> Equilibrium:
+    indentation = equilibrium.indentation
+    plastic_work = equilibrium.plastic_work
+    assert indentation is not None and plastic_work is not None
+    return replace(
+        equilibrium,
+        load=equilibrium.load.after_indentation(jnp.mean(indentation)),
+        indentation=jnp.zeros_like(indentation),
+        plastic_work=jnp.zeros_like(plastic_work),
+    )
+
+
+@program
+def indented_by(found: Equilibrium, before: Equilibrium) -> Equilibrium:
+    """Return a state over the surface that another has left, as one over the surface before."""
+    assert found.indentation is not None and found.plastic_work is not None
+    assert before.indentation is not None and before.plastic_work is not None
+    return replace(
+        found,
+        indentation=before.indentation + found.indentation,
+        plastic_work=before.plastic_work + found.plastic_work,
+    )
 
 
 def _pose(contact: Contact, state: State) -> Posed[State]:
@@ -121,11 +157,14 @@ def padded_state(contact: Contact, equilibrium: Equilibrium) -> tuple[Contact, E
     if extended is contact:
         return contact, equilibrium
     shape = solid.displacement(padded(equilibrium.pressure, 0))
-    window = equilibrium.gap + contact.heights
+    window = equilibrium.signed_gap + contact.heights
     far = mean(window - solid.surface(shape))
     is_there = where_window(equilibrium.gap)
     displacement = jnp.where(is_there, padded(window, 0), shape + far)
     gap = jnp.where(is_there, padded(equilibrium.gap, 0), displacement - extended.heights)
+    indentation = None
+    if equilibrium.indentation is not None:
+        indentation = padded(equilibrium.indentation, 0)
     return extended, replace(
         equilibrium,
         displacement=displacement + contact.datum,
@@ -133,6 +172,7 @@ def padded_state(contact: Contact, equilibrium: Equilibrium) -> tuple[Contact, E
         pressure=padded(equilibrium.pressure, 0),
         reaction=padded(equilibrium.reaction, 0),
         in_contact=padded(equilibrium.in_contact, False),
+        indentation=indentation,
     )
 
 
@@ -189,4 +229,7 @@ def _relaxed_outside(contact: Contact, load: Load, gap: Field) -> Field:
         lambda field: jnp.where(is_outside, field, 0),
     )
     move, _ = system.solution(-control.net_pressure(contact.gradient(start), start))
-    return jnp.maximum(start + jnp.where(is_outside, move, 0), 0)
+    moved = start + jnp.where(is_outside, move, 0)
+    if contact.hardness is None:
+        return jnp.maximum(moved, 0)
+    return jnp.where(is_outside, jnp.maximum(moved, 0), moved)

@@ -2,6 +2,7 @@
 
 import equinox as eqx
 import jax
+import jax.numpy as jnp
 
 from jaxstab.contact.contact import Contact
 from jaxstab.core.checks import concrete, numbers, require, require_finite, require_shape
@@ -47,6 +48,8 @@ def given_gap(contact: Contact, load: Load, initial: ArrayLike | State) -> Field
     if isinstance(initial, eqx.Module):
         state = single_start(initial)
         gap = state.gap
+        if isinstance(state, Equilibrium) and contact.hardness is not None:
+            gap = state.signed_gap
         if isinstance(state, Equilibrium) and gap.ndim == len(shape) and gap.shape != shape:
             displacement = resample(state.displacement, shape)
             gap = displacement - contact.datum - heights
@@ -55,7 +58,7 @@ def given_gap(contact: Contact, load: Load, initial: ArrayLike | State) -> Field
     require_shape("The initial gap", gap.shape, shape, "give one on the contact's grid.")
     gap = contact.grid.device_put(gap)
     require_finite("The initial gap", gap)
-    if _kind_of_control(contact, load).fixes_mean:
+    if _kind_of_control(contact, load).fixes_mean and contact.hardness is None:
         largest = concrete(gap).max()
         cure = "it must be positive somewhere, for a load that holds the mean gap."
         require("The largest initial gap", largest, largest > 0, cure)
@@ -66,7 +69,11 @@ def given_gap(contact: Contact, load: Load, initial: ArrayLike | State) -> Field
 def _at_rest(contact: Contact, load: Load) -> Field:
     heights = contact.solid.surface(contact.heights)
     # A solid that is not deformed has no pressures beyond the surface either.
-    return continue_by_mirrors(contact, _control_of_surface(contact, load).starting_gap(heights))
+    start = _control_of_surface(contact, load).starting_gap(heights)
+    if contact.hardness is not None:
+        # Nothing has yielded yet.
+        start = jnp.maximum(start, 0)
+    return continue_by_mirrors(contact, start)
 
 
 @program

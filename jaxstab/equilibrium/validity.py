@@ -30,14 +30,15 @@ def warn_beyond_hardness(
 
     It is at least p0 over the area fraction, whatever tension there is beside the contact. Only
     contacts whose pressures have a unit are of a material with a hardness, unless it is a rubber:
-    in others heights and pressures may be scaled alike.
+    in others heights and pressures may be scaled alike. One that has been given bounds pressures.
     """
     solid = contact.solid
     if isinstance(solid, Viscoelastic):
         solid = solid.relaxed
     has_modulus = isinstance(solid, HalfSpace | FreeHalfSpace | AxisymmetricHalfSpace)
     unit = contact.units.pressure
-    if unit is None or not has_modulus or not is_readable((mean_pressure, solid)):
+    is_bounded = contact.hardness is not None
+    if unit is None or not has_modulus or is_bounded or not is_readable((mean_pressure, solid)):
         return
     modulus = float(concrete(solid.contact_modulus))
     if modulus * 10.0 ** PRESSURES[unit] < _LEAST_MODULUS:
@@ -50,7 +51,7 @@ def warn_beyond_hardness(
             f"the mean pressure of the points in contact is {share:.1g} E*, with an E* of "
             f"{contact.units.text(modulus, PRESSURE)}: metals, ceramics and glassy polymers "
             f"yield below {_HARDNESS:g} E*, so that their contact is larger and its pressure "
-            "lower. There is no hardness in this model: press less, or take smoother heights.",
+            "lower. Give the contact its `hardness`, press less, or take smoother heights.",
             ContactWarning,
         )
 

@@ -73,6 +73,8 @@ _NAMES = {
     "factor": "factor of the law",
     "images": "gap along the string",
     "is_direct": "whether each pass leads straight to detached surfaces",
+    "hardness": "largest pressure that the surface bears",
+    "indentation": "depth of the plastic indentation",
     "incremental_stiffness": "force over a small approach",
     "index": "number of negative eigenvalues on the free points",
     "largest_compression": "largest mean pressure at the end of any step",
@@ -150,7 +152,10 @@ def to_dataset(contact: Contact, result: Result, *, fields: bool = True) -> xarr
     elif isinstance(result, Evolution):
         # Its contact is written once.
         alone = replace(result, contact=None)
-    elif isinstance(result, Path | Branch):
+    elif isinstance(result, Path):
+        # The surface that is left follows from its indentation.
+        alone = replace(result.recorded, contact=None)
+    elif isinstance(result, Branch):
         alone = result.recorded
     states = getattr(holder, "equilibrium", holder)
     load = getattr(holder, "load", None)

@@ -16,6 +16,7 @@ import numpy as np
 from jax.typing import DTypeLike
 
 import jaxstab
+from jaxstab import loading
 from jaxstab.contact import Contact
 from jaxstab.core import checked_netcdf
 from jaxstab.core.checked_netcdf import Attributes, Content, Damaged, Variable
@@ -194,6 +195,8 @@ def load(path: str | Path, *, potential: Potential | None = None) -> Any:
     result = restore(structure["result"], arrays)
     if isinstance(result, Evolution):
         result = replace(result, contact=contact)
+    if isinstance(result, loading.Path) and result.last_indentation is not None:
+        result = replace(result, contact=contact.with_indentation(result.last_indentation))
     return contact, result
 
 

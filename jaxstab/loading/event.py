@@ -1,5 +1,7 @@
 """The jumps and touches that load stepping detects."""
 
+from dataclasses import replace
+
 import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Int
@@ -7,6 +9,7 @@ from jaxtyping import Array, Int
 from jaxstab.contact import Contact
 from jaxstab.core.compile import program
 from jaxstab.core.control_flow import cond
+from jaxstab.core.grid import mean
 from jaxstab.core.types import Field, Flag, Scalar
 from jaxstab.equilibrium import Equilibrium
 from jaxstab.equilibrium.equilibrium import detached_where, state_at
@@ -39,6 +42,15 @@ class Event(eqx.Module):
     is_pulled: Flag
     is_touch: Flag
 
+    @property
+    def plastic_work(self) -> Scalar | None:
+        """The plastic work between both states [energy]; None if nothing yields."""
+        before = self.before.plastic_work
+        after = self.after.plastic_work
+        if before is None or after is None:
+            return None
+        return _difference(after, before)
+
     def equilibrium_before(self, contact: Contact, load: Load) -> Equilibrium:
         """Return the equilibrium before it, given the load at any value."""
         return _equilibrium_unless(self.is_touch, contact, load, self.before)
@@ -46,6 +58,23 @@ class Event(eqx.Module):
     def equilibrium_after(self, contact: Contact, load: Load) -> Equilibrium:
         """Return the equilibrium after it, given the load at any value."""
         return _equilibrium_unless(self.is_pulled, contact, load, self.after)
+
+
+def load_before(load: Load, point: PathPoint) -> Load:
+    """Return a load as one for the surface that a state leaves."""
+    if point.indentation is None:
+        return load
+    return _lower_load(load, point.indentation)
+
+
+@program
+def _difference(after: Scalar, before: Scalar) -> Scalar:
+    return after - before
+
+
+@program
+def _lower_load(load: Load, indentation: Field) -> Load:
+    return load.after_indentation(mean(indentation))
 
 
 def no_event(here: PathPoint) -> Event:
@@ -71,11 +100,25 @@ def _equilibrium_unless(
     load = load.at(point.value)
     return cond(
         is_apart,
-        lambda: _none(contact, load, point.gap),
-        lambda: state_at(contact, load, point.gap),
+        lambda: _none(contact, load, point),
+        lambda: _state(contact, load, point),
     )
 
 
+def _state(contact: Contact, load: Load, point: PathPoint) -> Equilibrium:
+    """Return a state of a path; a surface that yields has been indented up to there."""
+    if point.indentation is None:
+        return state_at(contact, load, point.gap)
+    return _indented_state(contact, load, point)
+
+
 @program
-def _none(contact: Contact, load: Load, gap: Field) -> Equilibrium:
-    return detached_where(jnp.array(True), state_at(contact, load, gap))
+def _indented_state(contact: Contact, load: Load, point: PathPoint) -> Equilibrium:
+    state = state_at(contact.after(point), load_before(load, point), point.gap)
+    indentation, plastic_work = point.indentation, point.plastic_work
+    return replace(state, load=load, indentation=indentation, plastic_work=plastic_work)
+
+
+@program
+def _none(contact: Contact, load: Load, point: PathPoint) -> Equilibrium:
+    return detached_where(jnp.array(True), _state(contact, load, point))

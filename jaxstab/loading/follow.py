@@ -73,6 +73,13 @@ def follow(
     differences of two potentials at one load. `unlocated` estimates the loss in smaller jumps.
     Surfaces that a tension has pulled apart stay so until there is a pressure.
 
+    On a contact with a hardness the indentation z is kept from state to state, and never falls: a
+    step is the equilibrium over the surface that the state before has left. Where nothing yields a
+    path is elastic. Loads count from the surface with which the path began, `MeanGap` too.
+    `plastic_work` is known exactly, and `path.contact` is the contact over the surface that is
+    left. The kind of a jump, its mode and its barrier are those of the surface before it, of which
+    nothing yields further. Loads of jumps then have no derivatives.
+
     Ctrl-C ends a path after the current steps, in about a second, and returns the states so far.
 
     Arguments:
@@ -156,6 +163,8 @@ def follow(
     # An interrupt here would lose a long path.
     with interrupts_held() as held:
         path = finish(path, problem, partial(_describe, load), throw)
+        if path.last_indentation is not None:
+            path = replace(path, contact=contact.with_indentation(path.last_indentation))
     states = path.equilibrium
     warn_beyond_hardness(contact, states.mean_pressure, states.contact_area)
     if held:
@@ -179,6 +188,8 @@ def _with_derivatives(path: Path, inputs: tuple[Contact, Load], others: tuple) -
     values = jax.lax.map(value, path.jumps)
     numbers, rest = eqx.partition(path, eqx.is_inexact_array)
     path = eqx.combine(attach(no_derivatives, numbers, None, (contact, load, others)), rest)
+    if contact.hardness is not None:
+        return path
     return replace(path, jumps=replace(path.jumps, load=path.jumps.load.at(values)))
 
 

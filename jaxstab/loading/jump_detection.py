@@ -171,17 +171,22 @@ def next_step(load_path: LoadPath, search: PathSearch) -> TrialStep:
     is_final = bisection.is_on & (distance <= bisection.nearness)
     change = jnp.sign(target - here.value) * length
     value = jnp.where(is_end, target, here.value + change)
-    rate = (here.gap - search.last.gap) / _nonzero(here.value - search.last.value)
+    moved = here.signed_gap - search.last.signed_gap
+    rate = moved / _nonzero(here.value - search.last.value)
     # At the end of a branch the energy is lowered from its last state.
     stays = bisection.is_on
     if load_path.finds_all:
         stays = is_final
-    gap = here.gap + jnp.where(stays, 0, change * rate)
-    gap = jnp.where(search.is_apart, load_path.apart(), gap)
     moves = here.value != search.last.value
+    if here.indentation is not None:
+        # A surface that yields does not go back as it came.
+        moves = change * (here.value - search.last.value) > 0
+        stays |= ~moves
+    gap = here.gap + jnp.where(stays, 0, change * rate)
+    gap = jnp.where(search.is_apart, load_path.apart(here), gap)
     is_predicted = ~search.is_apart & ~is_final & moves & load_path.finds_all
     least = jnp.where(is_predicted, _least_potential(load_path, search, change), -jnp.inf)
-    start = load_path.start_at(value, gap, least, is_final)
+    start = load_path.start_at(value, gap, least, is_final, here)
     return TrialStep(value, length, start, is_end, is_final)
 
 
@@ -217,7 +222,7 @@ def _outcome_of(
     is_smooth = is_together & ((error <= 1) | (trial.is_final & (loss <= least)))
     is_pulled = (result == RESULTS.pulled_off) & ~search.is_apart
     is_jump = ~is_smooth & trial.is_final & (is_together | is_pulled)
-    control = load_path.contact.control(load_path.at(value))
+    control = load_path.contact.after(here).control(load_path.at(value))
     touches = search.is_apart & is_found & control.presses
     return StepOutcome(
         dissipation=here.potential + change * new.force - new.potential,
@@ -242,7 +247,7 @@ def apply_step(
     3. Narrow the bracket of the end of the branch, if a step has failed, and choose the length of
        the next step.
     """
-    found = point_of(load_path.contact, equilibrium, trial.value)
+    found = point_of(load_path.contact, equilibrium, trial.value, search.here)
     outcome = _outcome_of(load_path, search, trial, found, equilibrium.result)
     is_event = outcome.is_event
     accepts = outcome.is_accepted

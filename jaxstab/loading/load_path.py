@@ -11,6 +11,7 @@ from jaxstab.contact.energy import characteristic_energy
 from jaxstab.core.accuracy import rounding_of_numbers
 from jaxstab.core.compile import program
 from jaxstab.core.control_flow import by_entries
+from jaxstab.core.grid import mean
 from jaxstab.core.types import ArrayLike, Field, Scalar
 from jaxstab.equilibrium import Equilibrium, PreconditionedConjugateGradient
 from jaxstab.equilibrium.equilibrate import find
@@ -28,14 +29,20 @@ _NUM_STEPS = 32
 
 
 class Start(eqx.Module):
-    """A load, the gap from which its equilibrium is sought [length], and the solver."""
+    """A load, the gap from which its equilibrium is sought [length], and the solver.
+
+    On a surface that yields the load is one for the surface left before, which has other heights.
+    """
 
     load: Load
     gap: Field
     solver: PreconditionedConjugateGradient
+    heights: Field | None = None
 
     def equilibrium(self, contact: Contact) -> Equilibrium:
         """Return the equilibrium of a contact at this load."""
+        if self.heights is not None:
+            contact = eqx.tree_at(lambda contact: contact.heights, contact, self.heights)
         return find(contact, self.load, self.solver, self.gap)
 
 
@@ -88,17 +95,27 @@ class LoadPath(eqx.Module):
         gap: Field,
         least_potential: ArrayLike = -jnp.inf,
         is_final: ArrayLike = False,
+        here: PathPoint | None = None,
     ) -> "Start":
         """Return where the equilibrium at a load is sought from a gap, once disturbed.
 
         Once the potential falls below the least, the search ends without a result; one that is
-        final may lead down to another branch.
+        final may lead down to another branch. The surface is the one that the state here leaves.
         """
         contact = self.contact
         load = self.at(value)
+        heights = None
+        if here is not None and here.indentation is not None:
+            assert here.plastic_work is not None
+            # The potential of the search begins anew with each surface that is left.
+            before = self._supply(contact, load, here.signed_gap) + here.plastic_work
+            contact = contact.after(here)
+            heights = contact.heights
+            load = load.after_indentation(mean(here.indentation))
+            least_potential += self._supply(contact, load, here.gap) - before
         dtype = gap.dtype
         # Contact points stay where they are.
-        disturbed = jnp.where(gap > 0, jnp.maximum(gap + self.disturbance, 0), 0)
+        disturbed = jnp.where(gap > 0, jnp.maximum(gap + self.disturbance, 0), contact.shut(gap))
         # Where the mean gap is held, no long step draws the surfaces apart.
         longest = jnp.full((), _MAX_MOVE)
         if contact.control(load).fixes_mean:
@@ -107,11 +124,17 @@ class LoadPath(eqx.Module):
         solver = PreconditionedConjugateGradient(
             max_move=longest.astype(dtype), least_energy=least.astype(dtype)
         )
-        return Start(load, disturbed, solver.in_precision(dtype))
+        return Start(load, disturbed, solver.in_precision(dtype), heights)
 
-    def apart(self) -> Field:
+    def _supply(self, contact: Contact, load: Load, gap: Field) -> Scalar:
+        """Return the energy of a load at a gap [energy]."""
+        control = contact.control(load)
+        return contact.grid.area * control.energy(control.mean_gap_of(gap))
+
+    def apart(self, here: PathPoint) -> Field:
         """Return the gap of surfaces that are about to touch."""
-        return jnp.max(self.contact.heights) - self.contact.heights
+        heights = self.contact.after(here).heights
+        return jnp.max(heights) - heights
 
 
 @partial(program, static_argnames="finds_all")

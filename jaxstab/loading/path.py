@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from jaxstab.branches.barrier_law import BarrierLaw
+from jaxstab.contact import Contact
 from jaxstab.core import display
 from jaxstab.core.compile import program
 from jaxstab.core.display import Outcome, column, several
@@ -37,11 +38,12 @@ class Jump(Outcome):
             area, where it is pulled off.
         mode: the unit vector along which the state loses its stability; NaN at a touch.
         dissipation: the energy lost, the difference of two potentials at one load [energy]; NaN
-            where surfaces are pulled off or come together.
+            where surfaces are pulled off or come together. The plastic work is none of it.
         state: the number of the state before, among those recorded.
         barrier_law: how the barrier that holds the state before grows with the distance from the
             load of the jump, and up to which distance. The energy is of second order in the mode's
-            amplitude at a release, of third at a fold.
+            amplitude at a release, of third at a fold. It is that of the surface as it is before.
+        plastic_work: in the jump, on a surface with a hardness; otherwise None [energy].
 
     Example:
         >>> path = js.follow(contact, js.MeanGap([0.3, 0.03, 0.3]), fields=True)
@@ -57,6 +59,7 @@ class Jump(Outcome):
     dissipation: Annotated[Float[Array, "*jumps"], ENERGY]
     state: Int[Array, "*jumps"]
     barrier_law: BarrierLaw
+    plastic_work: Annotated[Float[Array, "*jumps"], ENERGY] | None = None
 
 
 class Path(StateSequence):
@@ -70,9 +73,9 @@ class Path(StateSequence):
         load: the loads of the recorded states.
         equilibrium: these states.
         jumps: the jumps between them, in order.
-        work: of the whole path, done on surface and spring by the load: the change of their energy
-            and the loss in the jumps [energy]. NaN where a dead load has pulled the surfaces apart,
-            which it does without end; `equilibrium.work` is known up to there.
+        work: of the whole path, done on surface and spring by the load: the change of their energy,
+            the loss in the jumps, and the plastic work [energy]. NaN where a dead load has pulled
+            the surfaces apart, which it does without end; `equilibrium.work` is known up to there.
         dissipation: the loss in all jumps [energy]; NaN as the work is.
         result: how the path ended. It has failed, as `unbalanced_work`, if steps between jumps have
             gained energy, so that `unlocated` is below zero by more than its error.
@@ -81,6 +84,11 @@ class Path(StateSequence):
         unlocated_error: the error of that quadrature, and no less than the smallest jump that is
             located; a smaller loss is not significant [energy].
         last_gap: g of the last recorded state [length].
+        last_indentation: z of that state, over the surface with which the path began; None for a
+            contact without a hardness [length].
+        plastic_work: since the first state, that of jumps included [energy]; None likewise.
+        contact: the contact over the surface that is left, from which another path can go on; None
+            likewise.
 
     Example:
         >>> path = js.follow(contact, js.MeanGap([0.3, 0.03, 0.3]), fields=True)
@@ -95,13 +103,16 @@ class Path(StateSequence):
     unlocated: Annotated[Scalar, ENERGY]
     unlocated_error: Annotated[Scalar, ENERGY]
     last_gap: Annotated[Field, LENGTH]
+    last_indentation: Annotated[Field, LENGTH] | None = None
+    plastic_work: Annotated[Scalar, ENERGY] | None = None
+    contact: Contact | None = None
     _of_events: ClassVar[str] = "jumps"
 
     def __getitem__(self, index: Any) -> PathState | Self:
         state = super().__getitem__(index)
         is_last = isinstance(index, int | np.integer) and index % len(self) == len(self) - 1
         if is_last and isinstance(state, PathState) and self.equilibrium.gap is None:
-            last = replace(state.equilibrium, gap=self.last_gap)
+            last = replace(state.equilibrium, gap=self.last_gap, indentation=self.last_indentation)
             return replace(state, equilibrium=last)
         return state
 
@@ -201,6 +212,11 @@ def _energies(path: Path) -> list[str]:
             f"  lost in {jumps} before  {energies[1]}",
             "  after that neither is known: a dead load pulls surfaces apart without end",
         ]
+    if path.plastic_work is not None:
+        plastic = float(np.asarray(path.equilibrium.plastic_work)[np.isfinite(work)][-1])
+        if is_known:
+            plastic = float(path.plastic_work)
+        lines.insert(1, f"  plastic work  {plastic / divisor:.6g} {shown_unit(unit)}".rstrip())
     if abs(path.unlocated) > path.unlocated_error:
         amount = float(path.unlocated) / divisor
         error = float(path.unlocated_error) / divisor

@@ -10,7 +10,7 @@ import jax.numpy as jnp
 
 from jaxstab.branches.differentiable_limit import CriticalLoad, critical_load_at
 from jaxstab.branches.limit import Limit, limit_ahead
-from jaxstab.contact import Contact, require_contact
+from jaxstab.contact import Contact, require_contact, require_elastic
 from jaxstab.contact.resolution import FOR_JUMPS, warned_once
 from jaxstab.core.accuracy import EQUILIBRIUM
 from jaxstab.core.checks import scalar_parameter
@@ -81,6 +81,7 @@ def pull_off(
         '-0.1770 release'
     """
     require_contact(contact)
+    require_elastic(contact, "pull_off")
     machine = None
     if spring is not None:
         machine = Spring(0.0, scalar_parameter(spring, "The stiffness of the spring"))

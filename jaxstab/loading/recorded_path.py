@@ -17,7 +17,7 @@ from jaxstab.core.control_flow import by_entries, cond
 from jaxstab.core.results import RESULTS
 from jaxstab.core.stack import first_entries
 from jaxstab.core.types import Field, Scalar
-from jaxstab.loading.event import Event, no_event
+from jaxstab.loading.event import Event, load_before, no_event
 from jaxstab.loading.jump_detection import PathSearch
 from jaxstab.loading.load_path import LoadPath
 from jaxstab.loading.load_stepping import step_to_end
@@ -49,7 +49,7 @@ def path_with_room(room: Room, load_path: LoadPath, start: Field) -> Path:
     ended, tables = step_to_end(load_path, start, room)
     is_short = ended.is_open(load)
     result = RESULTS.where(is_short, RESULTS.store_full, ended.result)
-    path = _path(load_path, ended.here, tables.last.gap, result, tables.states.rows)
+    path = _path(load_path, ended.here, tables.last, result, tables.states.rows)
     return replace(path, jumps=jax.lax.map(partial(_jump, contact, load), tables.events.rows))
 
 
@@ -64,12 +64,12 @@ def path_of(
 
     points, jumps = recording.rows(jax.eval_shape(no_jump))
     number = len(recording.states)
-    path = _path(load_path, search.here, recording.last.gap, result, recording.table())
+    path = _path(load_path, search.here, recording.last, result, recording.table())
     load, states = (first_entries(part, number) for part in (path.load, path.equilibrium))
-    gaps = None
     if recording.fields:
-        gaps = points.gap
-    states = replace(states, gap=gaps)
+        states = replace(states, gap=points.gap, indentation=points.indentation)
+    else:
+        states = replace(states, gap=None, indentation=None)
     return replace(path, load=load, equilibrium=states, jumps=jumps)
 
 
@@ -79,7 +79,10 @@ def _jump(contact: Contact, loads: Load, event: Event) -> Jump:
     load = loads[0].at(event.before.value)
 
     def explain() -> tuple[KINDS, Field, BarrierLaw]:
-        return _explanation(contact, limit_ahead(contact, load, event.before.gap, event.ahead))
+        # The branch of the surface as it is before the jump, of which nothing yields further.
+        as_it_is = contact.after(event.before).elastic
+        here = load_before(load, event.before)
+        return _explanation(as_it_is, limit_ahead(as_it_is, here, event.before.gap, event.ahead))
 
     kind, mode, law = cond(event.is_jump, explain, lambda: _no_explanation(load, event))
     return Jump(
@@ -89,6 +92,7 @@ def _jump(contact: Contact, loads: Load, event: Event) -> Jump:
         after=event.equilibrium_after(contact, load),
         mode=mode,
         dissipation=event.dissipation,
+        plastic_work=event.plastic_work,
         state=event.state,
         barrier_law=law,
     )
@@ -110,7 +114,7 @@ def _no_explanation(load: Load, event: Event) -> tuple[KINDS, Field, BarrierLaw]
 
 @program
 def _path(
-    load_path: LoadPath, here: PathPoint, gap: Field, result: RESULTS, points: PathPoint
+    load_path: LoadPath, here: PathPoint, last: PathPoint, result: RESULTS, points: PathPoint
 ) -> Path:
     """Return the path through points to its last state, without its jumps."""
     contact = load_path.contact
@@ -125,16 +129,23 @@ def _path(
     gains = (result == RESULTS.successful) & (unlocated < -error - rounding)
     loads, states = states_along(contact, load_path.load[0], points)
     none: Any = None
+    work = here.stored - points.stored[0] + here.dissipation
+    plastic_work = None
+    if here.plastic_work is not None and points.plastic_work is not None:
+        plastic_work = here.plastic_work - points.plastic_work[0]
+        work = work + plastic_work
     return Path(
         load=loads,
         equilibrium=states,
         jumps=none,
-        work=here.stored - points.stored[0] + here.dissipation,
+        work=work,
         dissipation=here.dissipation,
         result=RESULTS.where(gains, RESULTS.unbalanced_work, result),
         unlocated=unlocated,
         unlocated_error=error,
-        last_gap=gap,
+        last_gap=last.gap,
+        last_indentation=last.indentation,
+        plastic_work=plastic_work,
     )
 
 

@@ -4,7 +4,7 @@ from typing import Annotated, Literal
 
 import numpy as np
 
-from jaxstab.contact import Contact, require_contact
+from jaxstab.contact import Contact, require_contact, require_elastic
 from jaxstab.contact.resolution import FOR_STATES, warned_once
 from jaxstab.core.checks import array, positive_scalar, require_known, require_one_of
 from jaxstab.core.compile import program
@@ -84,6 +84,7 @@ def sealing_pressure(
         '0.162'
     """
     require_contact(contact)
+    require_elastic(contact, "sealing_pressure")
     require_known((contact, initial), "sealing_pressure")
     require_one_of("side", side, "xy"[: len(contact.grid.shape)])
     tolerance = float(positive_scalar(rtol, "rtol"))

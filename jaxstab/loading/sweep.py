@@ -108,6 +108,9 @@ def sweep(
         throw: raise if any load fails; otherwise each load carries its own `result`, and one that
             fails leaves the others as they would have been.
 
+    Each load acts on the surface as the contact has it: one that yields, with a hardness, does not
+    remember the load before, also in the order "continuation". `follow` remembers.
+
     Returns:
         The results, stacked along a leading axis of loads.
 
@@ -225,7 +228,7 @@ class _SweepProblem(eqx.Module):
         """Return where the next load starts: from the last state that was found, or apart."""
         is_found = found.result == RESULTS.successful
         return _Last(
-            gap=cond(concrete(is_found), lambda: found.gap, lambda: last.gap),
+            gap=cond(concrete(is_found), lambda: found.signed_gap, lambda: last.gap),
             is_known=cond(concrete(is_found), lambda: is_found, lambda: last.is_known),
             is_apart=found.result == RESULTS.pulled_off,
         )

@@ -27,8 +27,11 @@ class GapControl(Control):
 
     @property
     def is_feasible(self) -> Flag:
-        """Whether the mean gap is positive and finite."""
-        return (self.mean_gap > 0) & jnp.isfinite(self.mean_gap)
+        """Whether the mean gap is finite, and positive unless the surface yields."""
+        is_finite = jnp.isfinite(self.mean_gap)
+        if self.largest_reaction is None:
+            return (self.mean_gap > 0) & is_finite
+        return is_finite
 
     def starting_gap(self, heights: Field) -> Field:
         """Return g0 + mean(h) - h."""
@@ -36,15 +39,23 @@ class GapControl(Control):
 
     def restore(self, gap: Field) -> Field:
         """Return the gap scaled to its mean."""
-        return model.onto_load(gap, self.mean_gap)
+        if self.largest_reaction is None:
+            return model.onto_load(gap, self.mean_gap)
+        return model.onto_load_with_indentation(gap, self.mean_gap)
 
-    def admissible(self, gap: Field) -> Field:
+    def admissible(self, gap: Field, side: Field | None = None) -> Field:
         """Return the gap cut at zero, and scaled to its mean."""
-        return self.restore(jnp.maximum(gap, 0))
+        return self.restore(self.cut(gap, side))
 
     def error(self, gap: Field) -> Scalar:
-        """Return the error of the mean gap, over its prescribed value."""
-        unit = jnp.where(self.mean_gap == 0, 1, self.mean_gap)
+        """Return the error of the mean gap, over its prescribed value.
+
+        On a surface that yields it is over the mean size of the signed gap.
+        """
+        unit = self.mean_gap
+        if self.largest_reaction is not None:
+            unit = mean(jnp.abs(gap))
+        unit = jnp.where(unit == 0, 1, unit)
         return jnp.abs((mean(gap) - self.mean_gap) / unit)
 
     def energy(self, mean_gap: Array) -> Array:
@@ -53,7 +64,7 @@ class GapControl(Control):
 
     def net_pressure(self, gradient: Field, gap: Field) -> Field:
         """Return the gradient less its mean over the free points, which is -p0."""
-        return gradient + model.held_mean_pressure(gradient, gap)
+        return gradient + model.held_mean_pressure(gradient, gap, None, self.largest_reaction)
 
     def resisting(self, attraction: Field, gap: Field) -> Field:
         """Return the attraction of the free points less its mean, which p0 balances."""
@@ -90,6 +101,9 @@ class MeanDisplacement(Load):
 class MeanGap(Load):
     """A prescribed mean(g) [length] (Rey & Bleyer, eq. 4): one value, or an array for a sweep.
 
+    On a surface that yields it is the mean of u - h, the gap over the surface as the contact has
+    it: mean(g) less the mean indentation. A path counts it from the surface that it began with.
+
     Example:
         >>> f"{js.equilibrate(contact, js.MeanGap(0.1)).mean_pressure:.4f}"
         '-0.1244'
@@ -103,6 +117,10 @@ class MeanGap(Load):
         """Hold the mean gap at the value."""
         _refuse_window("MeanGap", solid)
         return GapControl(self.value.astype(heights.dtype))
+
+    def after_indentation(self, depth: Scalar) -> "MeanGap":
+        """Return the mean gap over a surface that lies lower by a mean depth."""
+        return MeanGap(self.value + depth)
 
 
 def _refuse_window(load: str, solid: Solid) -> None:

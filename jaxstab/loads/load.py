@@ -8,6 +8,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from jaxstab.core import model
 from jaxstab.core.accuracy import rounding_of_fields
 from jaxstab.core.checks import cast, concrete, in_words, parameter, require
 from jaxstab.core.display import inline
@@ -25,10 +26,14 @@ class Control(eqx.Module):
     Attributes:
         fixes_mean: whether perturbations under the load have zero mean.
         stores_energy: whether the load's energy is one that it gives back, as a spring does.
+        largest_reaction: H + f'(0), from which on a point in contact yields, so that its signed gap
+            falls below zero; None on a surface that does not yield [pressure].
     """
 
     fixes_mean: ClassVar[bool]
     stores_energy: ClassVar[bool] = True
+
+    largest_reaction: Field | None = eqx.field(default=None, kw_only=True)
 
     def mean_gap_of(self, gap: Field) -> Scalar:
         """Return the mean of a gap on which p0 does its work [length]."""
@@ -64,9 +69,23 @@ class Control(eqx.Module):
     def restore(self, gap: Field) -> Field:
         """Return a gap that meets the load, near to one that is nowhere negative."""
 
+    def cut(self, gap: Field, side: Field | None = None) -> Field:
+        """Return a gap cut at zero.
+
+        A signed one, of a surface that yields, is cut only where it has left its side.
+        """
+        if self.largest_reaction is None:
+            return jnp.maximum(gap, 0)
+        if side is None:
+            return gap
+        return model.cut(gap, side)
+
     @abstractmethod
-    def admissible(self, gap: Field) -> Field:
-        """Return a gap that meets the load and is nowhere negative, near to any other."""
+    def admissible(self, gap: Field, side: Field | None = None) -> Field:
+        """Return a gap that meets the load and is nowhere negative, near to any other.
+
+        A signed one may be negative where its side is.
+        """
 
     @abstractmethod
     def error(self, gap: Field) -> Scalar:
@@ -96,9 +115,32 @@ class Control(eqx.Module):
     def project(self, field: Field, is_moving: Mask) -> Field:
         """Return the nearest perturbation of the moving points that the load allows."""
 
+    def release_level(self, gap: Field, net: Field) -> ArrayLike:
+        """Return the net pressure below which a point in contact is pulled off [pressure]."""
+        return 0
+
+    def side(self, gap: Field, net: Field) -> Field | None:
+        """Return the side of zero on which a signed gap is, or to which it may leave: 1 or -1.
+
+        It is zero where a point is held; None on a surface that does not yield.
+        """
+        largest = self.largest_reaction
+        if largest is None:
+            return None
+        level = self.release_level(gap, net)
+        leaves = jnp.where(net < level, 1, jnp.where(net > largest + level, -1, 0))
+        return jnp.where(gap == 0, leaves, jnp.sign(gap)).astype(gap.dtype)
+
     def moving(self, gap: Field, net: Field) -> Mask:
-        """Return the points that may move: those out of contact, and those pulled off it."""
-        return (gap > 0) | (net < 0)
+        """Return the points that may move: those out of contact, and those that leave it."""
+        side = self.side(gap, net)
+        if side is None:
+            return (gap > 0) | (net < self.release_level(gap, net))
+        return side != 0
+
+    def imbalance(self, net: Field, gap: Field) -> Field:
+        """Return the part of the net pressure that is out of balance [pressure]."""
+        return model.imbalance(net, gap, self.largest_reaction)
 
     def precondition(self, inverse: FieldMap, force: Field, is_moving: Mask) -> Field:
         """Return the move of the moving points under a force, by roughly the inverse of K."""
@@ -151,6 +193,10 @@ class Load(Stackable, Dimensioned):
     def at(self, value: Array) -> "Load":
         """Return this load with another value."""
         return eqx.tree_at(lambda load: load.value, self, value)
+
+    def after_indentation(self, depth: Scalar) -> "Load":
+        """Return this load for a surface that lies lower by an indentation of a mean depth."""
+        return self
 
     def relative_to(self, datum: Scalar) -> "Load":
         """Return this load for heights relative to a datum [length]."""

@@ -39,9 +39,9 @@ class PressingControl(Control):
         """Return the gap itself: any that is not negative will do."""
         return gap
 
-    def admissible(self, gap: Field) -> Field:
+    def admissible(self, gap: Field, side: Field | None = None) -> Field:
         """Return the gap cut at zero."""
-        return jnp.maximum(gap, 0)
+        return self.cut(gap, side)
 
     def error(self, gap: Field) -> Scalar:
         """Return zero: any gap will do."""

@@ -70,10 +70,13 @@ class SpringControl(PressingControl):
         """Return the gradient plus p0, less the imbalance that rounding of the gap explains."""
         pressure = self.pressure(gap)
         lengths = jnp.abs(self.relaxed_gap) + self.mean_gap_of(gap)
+        if self.largest_reaction is not None:
+            lengths = jnp.abs(lengths)
         # A mean is rounded by some four units. If more were left to it, states along a path would
         # be out of balance by as much, and its steps be halved in float32.
         rounding = 4 * float(jnp.finfo(gap.dtype).eps) * self.constant * lengths
-        imbalance = pressure - model.held_mean_pressure(gradient, gap, self.punch)
+        held = model.held_mean_pressure(gradient, gap, self.punch, self.largest_reaction)
+        imbalance = pressure - held
         open_part = jax.lax.stop_gradient(jnp.clip(imbalance, -rounding, rounding))
         return gradient + model.load_pressure(pressure - open_part, self.punch)
 
@@ -94,18 +97,22 @@ class SpringControl(PressingControl):
         attraction = jnp.max(jnp.where(profile.gaps >= half, profile.slopes, 0))
         return jnp.where((half > 0) & (attraction < self.constant * half), apart, start)
 
-    def admissible(self, gap: Field) -> Field:
+    def admissible(self, gap: Field, side: Field | None = None) -> Field:
         """Return the gap cut at zero; for a stiff spring, scaled to the mean it had before."""
-        cut = jnp.maximum(gap, 0)
+        cut = self.cut(gap, side)
+        if self.largest_reaction is not None:
+            scaled = model.onto_load_with_indentation(cut, mean(gap))
+            return jnp.where(self.is_stiff, scaled, cut)
         before = total(gap)
         after = total(cut)
         is_scaled = self.is_stiff & (before > 0)
         return cut * jnp.where(is_scaled, before / jnp.where(is_scaled, after, 1), 1)
 
-    def moving(self, gap: Field, net: Field) -> Mask:
-        """Return the mask of points that may move; a stiff spring relaxes first."""
-        level = mean_over(gap > 0, net)
-        return (gap > 0) | (net < jnp.where(self.is_stiff, level, 0))
+    def release_level(self, gap: Field, net: Field) -> Scalar:
+        """Return the mean over the free points under a stiff spring, which relaxes first."""
+        largest = self.largest_reaction
+        level = mean_over(model.free_points(gap, largest), model.on_side(net, gap, largest))
+        return jnp.where(self.is_stiff, level, 0)
 
     def precondition(self, inverse: FieldMap, force: Field, is_moving: Mask) -> Field:
         """Apply the preconditioner; a stiff spring takes the mean apart."""

@@ -44,6 +44,8 @@ from jaxstab.stability.verdict import (
 
 # The lower bound, the critical cone and the cone take one search each.
 _NUM_SEARCHES = 3
+# A pressure that is below H by less than this part of it is H.
+_AT_HARDNESS = 1e-6
 
 
 @runtime_checkable
@@ -74,6 +76,10 @@ def assess_stability(
     about 256 x 256 points, and stops if its eigenvalue is within 1 % of the coarser one. If all but
     a few points touch, the starts can miss the smallest; then a state that is only held by contact
     may be called "stable".
+
+    A surface with a hardness (`Contact`) is judged as it is left: where the pressure is H, the
+    indentation can grow and never falls. Perturbations there are one-sided, x <= 0, in both cones;
+    at a pressure below H they are as above.
 
     Eigenvalues, modes, barrier and complementarity are differentiable functions of the contact and
     the equilibrium: d lambda = x.(dA) x, A depending on the gap too. A derivative is NaN where it
@@ -200,12 +206,19 @@ def with_derivatives(stability: Stability, inputs: tuple[Contact, Equilibrium]) 
     contact, equilibrium = inputs
     fixes_mean = contact.control(equilibrium.load).fixes_mean
 
+    gap = equilibrium.gap
+    free = ~(gap == 0)
+    largest = contact.largest_reaction
+    if largest is not None:
+        # The law has no curvature where the surface yields, as where a signed gap is negative.
+        yields = ~free & (equilibrium.reaction >= (1 - _AT_HARDNESS) * largest)
+        gap = jnp.where(yields, -1, gap)
+
     def attach(pair: Eigenpair, is_moving: Mask) -> Eigenpair:
         face = Subspace(is_moving, fixes_mean)
-        return differentiable(pair, face, contact, equilibrium.load, equilibrium.gap)
+        return differentiable(pair, face, contact, equilibrium.load, gap)
 
-    free = ~(equilibrium.gap == 0)
-    cone = attach(stability.cone, free | (stability.cone.mode > 0))
+    cone = attach(stability.cone, free | (stability.cone.mode != 0))
     margins = stability.complementarity, stability.barrier
     is_held = stability.verdict == VERDICTS.held_by_contact
     complementarity, barrier = differentiable_margins(margins, contact, equilibrium, cone, is_held)
@@ -213,7 +226,7 @@ def with_derivatives(stability: Stability, inputs: tuple[Contact, Equilibrium]) 
         stability,
         lower_bound=attach(stability.lower_bound, jnp.ones_like(free)),
         cone=cone,
-        critical=attach(stability.critical, free | (stability.critical.mode > 0)),
+        critical=attach(stability.critical, free | (stability.critical.mode != 0)),
         complementarity=complementarity,
         barrier=barrier,
     )

@@ -85,7 +85,11 @@ def pressure_scale(contact: Contact, gap: Field, pressure: Field) -> Scalar:
 
 def _state(equilibrium: Equilibrium, cone: Eigenpair) -> tuple[Fields, Pair]:
     fields = equilibrium.gap, equilibrium.pressure, equilibrium.reaction
-    return fields, (cone.eigenvalue, cone.mode)
+    mode = cone.mode
+    if equilibrium.indentation is not None:
+        # Where the surface yields, a mode costs no energy at first order.
+        mode = jnp.maximum(mode, 0)
+    return fields, (cone.eigenvalue, mode)
 
 
 def _formulae(is_held: Flag, contact: Contact, fields: Fields, pair: Pair) -> Margins:

@@ -2,10 +2,11 @@
 
 Let the perturbations x be >= 0 on the contact C, and N a matrix on C whose entries are >= 0. Then
 x.Ax >= x.(A - N)x, and the smallest eigenvalue of A - N on the linear space around the cone is a
-lower bound. With kappa the kernel in space of an operator that is not negative,
-N = kappa(0) - kappa(r) is such a matrix. The operator is max(0, s - K) for a stiffness s. So A - N
-is stiffer than A in the soft waves of C, at the price of kappa(0) times the square of the sum on C.
-For zero mean that is the sum on the free points.
+lower bound. Points with x <= 0, at which a surface yields, do not count as contact here. With kappa
+the kernel in space of an operator that is not negative, N = kappa(0) - kappa(r) is such a matrix.
+The operator is max(0, s - K) for a stiffness s. So A - N is stiffer than A in the soft waves of C,
+at the price of kappa(0) times the square of the sum on C. For zero mean that is the sum on the free
+points.
 """
 
 from dataclasses import replace
@@ -84,6 +85,8 @@ def _stiffer_hessian(problem: ConeProblem, aim: Scalar) -> _Stiffened | None:
     hessian = problem.operator
     cone = problem.domain
     contact = cone.one_sided & cone.is_moving
+    if cone.sign is not None:
+        contact &= cone.sign > 0
     size = jnp.maximum(total(contact.astype(aim.dtype)), 1)
     adhesion = total(jnp.where(contact, hessian.curvature, 0)) / size
     level = aim - adhesion

@@ -51,7 +51,9 @@ def coarser(problem: ConeProblem) -> ConeProblem:
     while hessian.solid.grid.size > COARSE and (solid := hessian.solid.coarser()) is not None:
         is_moving = ~_majority(~cone.is_moving)
         curvature = _mean_of_like(hessian.curvature, cone)
-        cone = AdmissibleCone(_majority(cone.one_sided) & is_moving, ~is_moving, cone.fixes_mean)
+        one_sided = _majority(cone.one_sided) & is_moving
+        sign = _sign_of_most(cone)
+        cone = AdmissibleCone(one_sided, ~is_moving, cone.fixes_mean, sign)
         hessian = Hessian(solid, curvature, hessian.stiffness)
     return ConeProblem.of(hessian, cone)
 
@@ -141,6 +143,14 @@ def _majority(mask: Mask) -> Bool[Array, " *coarse"]:
     """Return where at least half of the points of a cell of the coarser grid are in a mask."""
     cells = _cells(mask)
     return 2 * jnp.sum(cells, axis=0) >= len(cells)
+
+
+def _sign_of_most(cone: AdmissibleCone) -> Float[Array, " *coarse"] | None:
+    """Return the sign of most of the one-sided points of a cell, None where all are positive."""
+    if cone.sign is None:
+        return None
+    signs = jnp.where(cone.one_sided, cone.sign, 0)
+    return jnp.where(jnp.sum(_cells(signs), axis=0) < 0, -1, 1).astype(signs.dtype)
 
 
 def _mean_of_like(field: Field, cone: AdmissibleCone) -> Float[Array, " *coarse"]:

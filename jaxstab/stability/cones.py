@@ -3,6 +3,9 @@
 V0+ holds the perturbations of zero mean that do not penetrate the surface where it is touched:
 x >= 0 at the points in contact (Rey & Bleyer, eq. 18). The critical cone is smaller: x = 0 where
 contact presses, since lifting off there costs energy at first order.
+
+A surface that yields where its pressure is H can be indented there further, never less. So x <= 0
+at such points, at no cost of first order: they are one-sided in both cones, with the other sign.
 """
 
 import equinox as eqx
@@ -42,26 +45,40 @@ class AdmissibleCone(eqx.Module):
     V0+ (Rey & Bleyer, eqs. 18 and 26) is one-sided at all points in contact and held at none.
 
     Attributes:
-        one_sided: where perturbations must not be negative.
+        one_sided: where perturbations must not be negative, or not have another sign.
         held: where they must vanish, out of that mask; nowhere if None.
         fixes_mean: whether they must have zero mean too, as under a prescribed mean gap.
         is_trivial: whether zero is the only admissible perturbation, as in full contact at a mean
             gap.
+        sign: 1, or -1 where perturbations must not be positive; None if there are no such points.
     """
 
     one_sided: Mask
     held: Mask | None
     fixes_mean: bool = eqx.field(static=True)
     is_trivial: Flag
+    sign: Field | None
 
-    def __init__(self, one_sided: Mask, held: Mask | None = None, fixes_mean: bool = True):
+    def __init__(
+        self,
+        one_sided: Mask,
+        held: Mask | None = None,
+        fixes_mean: bool = True,
+        sign: Field | None = None,
+    ):
         self.one_sided = one_sided
         self.held = held
         self.fixes_mean = fixes_mean
+        self.sign = sign
         # Computed once, since the programs of a search ask for it. All one-sided points count as
         # one: if the mean is fixed, they need another point to move against.
         num_free = _count(self.is_moving & ~one_sided)
-        self.is_trivial = num_free + jnp.any(one_sided) <= fixes_mean
+        if sign is None:
+            num_sides = jnp.any(one_sided)
+        else:
+            moving = self.is_moving & one_sided
+            num_sides = jnp.any(moving & (sign > 0)) + 1 * jnp.any(moving & (sign < 0))
+        self.is_trivial = num_free + num_sides <= fixes_mean
 
     @property
     def is_moving(self) -> Mask:
@@ -83,18 +100,31 @@ class AdmissibleCone(eqx.Module):
         changed = self.one_sided & ~is_open, self.is_trivial & ~is_open
         return eqx.tree_at(lambda cone: (cone.one_sided, cone.is_trivial), self, changed)
 
-    def face(self, field: Field) -> Subspace:
-        """Return the smallest linear space of the cone's faces around one of its fields."""
-        return Subspace(self.is_moving & (~self.one_sided | (field > 0)), self.fixes_mean)
+    def inward(self, field: Field) -> Field:
+        """Return a field times the sign of the cone: positive where it leads into the cone."""
+        return model.inward(field, self.sign)
+
+    def excludes(self, field: Field) -> Mask:
+        """Return where a field has the wrong sign."""
+        return self.one_sided & (self.inward(field) < 0)
+
+    def face(self, inward: Field) -> Subspace:
+        """Return the smallest linear space of the cone's faces around one of its fields.
+
+        Given is that field by its `inward` components.
+        """
+        return Subspace(self.is_moving & (~self.one_sided | (inward > 0)), self.fixes_mean)
 
     def project(self, field: Field) -> Field:
         """Return the nearest field of the cone.
 
         Where its mean is free, the field is only cut at zero.
         """
-        if self.fixes_mean:
+        if not self.fixes_mean:
+            return model.onto_one_sided(field, self.one_sided, self.is_moving, self.sign)
+        if self.sign is None:
             return model.onto_cone(field, self.one_sided, self.is_moving)
-        return model.onto_one_sided(field, self.one_sided, self.is_moving)
+        return model.onto_cone_of_signs(field, self.one_sided, self.is_moving, self.sign)
 
 
 def _count(mask: Mask) -> Scalar:

@@ -9,7 +9,6 @@ import numpy as np
 
 from jaxstab.contact.contact import Contact
 from jaxstab.contact.hessian import Hessian
-from jaxstab.core import model
 from jaxstab.core.accuracy import rounding_of_fields
 from jaxstab.core.checks import array
 from jaxstab.core.compile import program
@@ -139,24 +138,34 @@ def problems_of(contact: Contact, equilibrium: Equilibrium) -> tuple[Eigenproble
     result = verify_balance(balance, contact, equilibrium)
     is_found = result == RESULTS.successful
     is_closed = (gap == 0) & is_found
-    imbalance = jnp.sqrt(total(model.imbalance(balance.net, gap) ** 2))
+    imbalance = jnp.sqrt(total(control.imbalance(balance.net, gap) ** 2))
     scale = pressure_scale(contact, gap, equilibrium.pressure)
     # The net pressure of a point may be wrong by this.
     error = imbalance + rounding_of_fields(gap.dtype) * scale
     weak = is_closed & (balance.net <= error)
+    curvature = balance.curvature
+    sign = None
+    if control.largest_reaction is not None:
+        # The surface yields on where its pressure is H, which it may have missed by its residual
+        # when it was found.
+        missed = error + equilibrium.residual * scale * jnp.sqrt(gap.size)
+        yields = is_closed & (balance.net >= control.largest_reaction - missed)
+        weak |= yields
+        sign = jnp.where(yields, -1, 1).astype(gap.dtype)
+        curvature = jnp.where(yields, 0, curvature)
     nearly_touching = ~is_closed & (gap * contact.solid.max_stiffness <= error)
     # Where there is nothing to assess, nothing moves.
     nowhere = contact.grid.device_put(jnp.zeros_like(is_closed) | ~is_found)
-    v0 = AdmissibleCone(is_closed, nowhere, control.fixes_mean)
-    critical = AdmissibleCone(weak, nowhere | (is_closed & ~weak), control.fixes_mean)
-    hessian = Hessian(contact.solid, balance.curvature, control.stiffness, v0.is_moving)
+    v0 = AdmissibleCone(is_closed, nowhere, control.fixes_mean, sign)
+    critical = AdmissibleCone(weak, nowhere | (is_closed & ~weak), control.fixes_mean, sign)
+    hessian = Hessian(contact.solid, curvature, control.stiffness, v0.is_moving)
     problems = Eigenproblems(
         cone=ConeProblem(hessian, v0),
         critical_cone=ConeProblem.of(hessian, critical),
         nearly_touching=nearly_touching,
         touches=jnp.any(is_closed),
         is_weak=jnp.any(weak),
-        is_doubtful=jnp.any(weak | nearly_touching),
+        is_doubtful=jnp.any(_positive(weak, sign) | nearly_touching),
     )
     sharpness = jnp.where(v0.is_moving & ~is_closed, third_derivative(contact, gap), 0)
     imbalance = jnp.where(is_found, imbalance, 0)
@@ -184,9 +193,9 @@ def covering_doubt(problems: Eigenproblems, found: SmallestPairs) -> SmallestPai
     rise = _rise(above, critical.eigenvalue)
     fall = _rise(critical.eigenvalue, hull.eigenvalue - hull.error)
 
-    pressing = v0.one_sided & ~problems.critical_cone.domain.one_sided
-    closed = AdmissibleCone(v0.one_sided | near, v0.held, v0.fixes_mean)
-    opened = AdmissibleCone(pressing, v0.held, v0.fixes_mean)
+    pressing = v0.one_sided & ~_positive(problems.critical_cone.domain.one_sided, v0.sign)
+    closed = AdmissibleCone(v0.one_sided | near, v0.held, v0.fixes_mean, v0.sign)
+    opened = AdmissibleCone(pressing, v0.held, v0.fixes_mean, v0.sign)
     above, _, _ = admissible_pair(hessian, closed, cone.mode)
     _, _, residual = admissible_pair(hessian, opened, cone.mode)
     off = jnp.maximum(_rise(above, cone.eigenvalue), hessian.scale * residual)
@@ -195,6 +204,13 @@ def covering_doubt(problems: Eigenproblems, found: SmallestPairs) -> SmallestPai
         critical=_with_error(critical, jnp.maximum(rise, fall)),
         cone=_with_error(cone, off),
     )
+
+
+def _positive(one_sided: Mask, sign: Field | None) -> Mask:
+    """Return the one-sided points that do not yield."""
+    if sign is None:
+        return one_sided
+    return one_sided & (sign > 0)
 
 
 def _rise(above: Scalar, below: Scalar) -> Scalar:

@@ -10,7 +10,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Int, PRNGKeyArray
 
-from jaxstab.contact.contact import Contact
+from jaxstab.contact.contact import Contact, require_elastic
 from jaxstab.contact.resolution import warn_if_coarse
 from jaxstab.core.checks import integer, key_or_default, require, require_one_of
 from jaxstab.core.compile import program
@@ -70,6 +70,7 @@ def lowest_modes(
         ['1.282', '1.951']
     """
     equilibrium = equilibrium_of(contact, equilibrium)
+    require_elastic(contact, "lowest_modes")
     count = integer("count", count)
     require("count", count, count >= 1, "ask for one mode or more.")
     require_one_of("space", space, ("lower_bound", "critical"))

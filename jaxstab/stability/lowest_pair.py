@@ -169,7 +169,7 @@ def cone_starts(
     On few points each contact point that lifts is one too. If the lowest mode converged and lies in
     the cone, it is the answer and the only start.
     """
-    on_contact = jnp.where(cone.one_sided, modes[0], 0)
+    on_contact = jnp.where(cone.one_sided, cone.inward(modes[0]), 0)
     entering, away = norms([jnp.minimum(on_contact, 0), jnp.maximum(on_contact, 0)])
     is_admissible = jnp.minimum(entering, away) <= solver.tolerance_in(entering.dtype)
     is_answer = (around == RESULTS.successful) & is_admissible
@@ -179,7 +179,7 @@ def cone_starts(
     size = cone.one_sided.size
     one_sided = cone.one_sided
     if size <= _FEW:
-        lifted = jnp.eye(size, dtype=starts.dtype).reshape(size, *one_sided.shape)
+        lifted = cone.inward(jnp.eye(size, dtype=starts.dtype).reshape(size, *one_sided.shape))
         starts = jnp.concatenate([starts, lifted])
         is_needed = jnp.concatenate([is_needed, ~is_answer & one_sided.ravel()])
     return starts, is_needed, is_answer

@@ -12,6 +12,7 @@ from jaxstab.core.results import RESULTS, throw_failure
 from jaxstab.core.types import ArrayLike, Field, Scalar
 from jaxstab.equilibrium import Equilibrium, EquilibriumSolver, equilibrate
 from jaxstab.equilibrium.equilibrium import State, found_equilibrium
+from jaxstab.equilibrium.posing import as_left, indented_by
 from jaxstab.equilibrium.verify import verify
 
 
@@ -28,7 +29,8 @@ def relax_along(
 
     The gap becomes g + t x, cut at zero, and is brought under the load; from there the energy
     descends to a minimum. After a small push, a state that is `stable` or `held_by_contact`
-    returns. An `unstable` state, pushed along its critical mode, ends at a lower energy.
+    returns. An `unstable` state, pushed along its critical mode, ends at a lower energy. A surface
+    with a hardness is the one that the state leaves, which it may indent further.
 
     Arguments:
         contact: the contact problem.
@@ -69,12 +71,18 @@ def relax_along(
     else:
         t = scalar_parameter(amplitude, "The amplitude")
     require("The amplitude", t, jnp.isfinite(t), "it must be finite.")
-    start = jnp.maximum(equilibrium.gap + t * x, 0)
+    start = equilibrium.gap + t * x
+    if contact.hardness is None:
+        start = jnp.maximum(start, 0)
     state = verify(contact, equilibrium)
     start = throw_failure(state, start, lambda: "There is nothing to relax", throw)
-    released = equilibrate(contact, equilibrium.load, solver, initial=start, throw=throw)
+    left, at_rest = as_left(contact, equilibrium)
+    released = equilibrate(left, at_rest.load, solver, initial=start, throw=throw)
     result = RESULTS.where(state == RESULTS.successful, released.result, state)
-    return replace(released, result=result)
+    released = replace(released, result=result, load=equilibrium.load)
+    if contact.hardness is None:
+        return released
+    return indented_by(released, equilibrium)
 
 
 def amplitude_of(gap: Field, mode: Field, share: float = 1e-3) -> Scalar:

@@ -24,9 +24,12 @@ class PathPoint(eqx.Module):
         contact_area: the number of contact points over the number of all points.
         energy: E, of the surface [energy].
         stored: E and the energy of the machine [energy].
-        potential: E + W [energy].
+        potential: E + W, and the plastic work [energy].
         force: F, how the potential follows the load on a branch [energy over unit of the load].
         dissipation: lost in the jumps up to there [energy].
+        indentation: of the surface as the contact has it, up to there; None if nothing yields
+            [length].
+        plastic_work: that this took [energy]; None likewise.
     """
 
     value: Scalar
@@ -39,17 +42,46 @@ class PathPoint(eqx.Module):
     potential: Scalar
     force: Scalar
     dissipation: Scalar
+    indentation: Field | None = None
+    plastic_work: Scalar | None = None
+
+    @property
+    def signed_gap(self) -> Field:
+        """The gap less the indentation: u - h over the surface as the contact has it [length]."""
+        if self.indentation is None:
+            return self.gap
+        return self.gap - self.indentation
 
     def rounding(self, area: Scalar) -> Scalar:
         """Return the part of a loss near this state that may be rounding [energy]."""
         return rounding_of(self.potential, area * self.mean_pressure * self.mean_gap)
 
 
-def point_of(contact: Contact, found: Equilibrium, value: Scalar) -> PathPoint:
-    """Return an equilibrium as a point of a path without jumps, at the value of the load."""
+def point_of(
+    contact: Contact, found: Equilibrium, value: Scalar, before: PathPoint | None = None
+) -> PathPoint:
+    """Return an equilibrium as a point of a path without jumps, at the value of the load.
+
+    A surface that yields has been left by the state before as that has found it. Loads count from
+    the surface as the contact has it, with which the path began.
+    """
     load = found.load.at(value)
     control = contact.control(load)
-    held, force = supply_of(contact, load, control.mean_gap_of(found.gap), found.mean_pressure)
+    indentation = found.indentation
+    plastic_work = found.plastic_work
+    if before is not None and indentation is not None:
+        assert before.indentation is not None and before.plastic_work is not None
+        assert plastic_work is not None
+        indentation = before.indentation + indentation
+        plastic_work = before.plastic_work + plastic_work
+    signed_gap = found.gap
+    if indentation is not None:
+        signed_gap = found.gap - indentation
+    mean_gap = control.mean_gap_of(signed_gap)
+    held, force = supply_of(contact, load, mean_gap, found.mean_pressure)
+    potential = found.energy + held
+    if plastic_work is not None:
+        potential = potential + plastic_work
     stored = found.energy
     if control.stores_energy:
         stored = found.energy + held
@@ -61,9 +93,11 @@ def point_of(contact: Contact, found: Equilibrium, value: Scalar) -> PathPoint:
         found.contact_area,
         found.energy,
         stored,
-        found.energy + held,
+        potential,
         force,
         jnp.zeros_like(held),
+        indentation,
+        plastic_work,
     )
 
 
@@ -71,15 +105,24 @@ def states_along(contact: Contact, one: Load, points: PathPoint) -> tuple[Load, 
     """Return the loads and the states of points along a path, given the load at any value."""
     loads = jax.tree.map(lambda leaf: jnp.broadcast_to(leaf, points.value.shape), one)
     gaps = None
+    indentation = None
     if points.gap.size:
         gaps = points.gap
+        indentation = points.indentation
+    work = points.stored - points.stored[0] + points.dissipation
+    plastic_work = None
+    if points.plastic_work is not None:
+        plastic_work = points.plastic_work - points.plastic_work[0]
+        work = work + plastic_work
     return loads.at(points.value), States.of(
         contact,
         points.energy,
         mean_gap=points.mean_gap,
         mean_pressure=points.mean_pressure,
         contact_area=points.contact_area,
-        work=points.stored - points.stored[0] + points.dissipation,
+        work=work,
         dissipation=points.dissipation,
         gap=gaps,
+        indentation=indentation,
+        plastic_work=plastic_work,
     )

@@ -43,12 +43,15 @@ class States(PressedSurface):
         contact_area: the number of contact points over the number of all points.
         area: the area of the cell [length^2]; on a line its length [length].
         energy: elastic and adhesive energy of the surface [energy].
-        work: done up to here on surface and spring by the load: the change of their energy and the
-            loss in the jumps [energy].
+        work: done up to here on surface and spring by the load: the change of their energy, the
+            loss in the jumps, and the plastic work [energy].
         dissipation: energy lost in the jumps up to here [energy].
         gap: g, None without `fields` [length].
         units: the units of length and of pressure, None where unknown.
         is_window: whether the surface is a window, pressed by a force, and not repeated.
+        indentation: z, of the surface with which the path began, None without `fields` or if
+            nothing yields [length].
+        plastic_work: that it took since the first state; None if nothing yields [energy].
 
     Example:
         >>> path = js.follow(contact, js.MeanGap([0.3, 0.03, 0.3]), fields=True)
@@ -66,6 +69,8 @@ class States(PressedSurface):
     gap: Annotated[Float[Array, " *states_and_grid"], LENGTH] | None
     units: Units = eqx.field(static=True, default=NO_UNITS, repr=False)
     is_window: bool = eqx.field(static=True, default=False, repr=False)
+    indentation: Annotated[Float[Array, " *states_and_grid"], LENGTH] | None = None
+    plastic_work: Annotated[Float[Array, "*states"], ENERGY] | None = None
 
     @classmethod
     def of(cls, contact: Contact, energy: Float[Array, "*states"], **fields: Any) -> "States":
@@ -96,6 +101,11 @@ class PathState(Outcome):
 
     load: Load
     equilibrium: States
+
+    @property
+    def indentation(self) -> Array | None:
+        """The indentation of the surface with which the path began [length], if it is known."""
+        return self.equilibrium.indentation
 
 
 class StateSequence(Dimensioned):

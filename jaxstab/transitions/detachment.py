@@ -12,7 +12,7 @@ from typing import Annotated
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from jaxstab.contact import Contact, require_contact
+from jaxstab.contact import Contact, require_contact, require_elastic
 from jaxstab.contact.resolution import FOR_JUMPS, warned_once
 from jaxstab.core import display
 from jaxstab.core.checks import (
@@ -240,6 +240,7 @@ def detachment(
         '2.47e-04'
     """
     require_contact(contact)
+    require_elastic(contact, "detachment")
     require_loads(load, (), "detachment takes one load", "use a loop.")
     given = contact, load, thermal_energy, attempt_rate, rate, initial
     require_known(given, "detachment")

@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import PRNGKeyArray
 
-from jaxstab.contact import Contact
+from jaxstab.contact import Contact, require_elastic
 from jaxstab.contact.resolution import FOR_JUMPS, warned_once
 from jaxstab.core.checks import integer, require, require_known
 from jaxstab.core.compile import program
@@ -61,6 +61,7 @@ def easiest_exit(
         '2.13e-07'
     """
     equilibrium = equilibrium_of(contact, equilibrium)
+    require_elastic(contact, "easiest_exit")
     require_known((contact, equilibrium), "easiest_exit")
     number = integer("num_modes", num_modes)
     require("num_modes", number, number >= 1, "try one mode or more.")

@@ -4,7 +4,7 @@ from operator import itemgetter
 
 import jax
 
-from jaxstab.contact import Contact, require_contact
+from jaxstab.contact import Contact, require_contact, require_elastic
 from jaxstab.contact.resolution import FOR_JUMPS, warn_if_coarse
 from jaxstab.core.checks import integer, require
 from jaxstab.core.compile import own_conventions
@@ -77,6 +77,7 @@ def transition(
         '2.13e-07, 4.79e-07'
     """
     require_contact(contact)
+    require_elastic(contact, "transition")
     require_loads(load, (), "transition takes one load", "use jax.vmap.")
     number = integer("num_images", num_images)
     require("num_images", number, number >= 3, "a string has a state between its ends.")

@@ -41,9 +41,12 @@ class Problem:
         """Return the problem of a contact under the condition of a load."""
         return cls(contact, control, contact.balance(control))
 
-    def state(self, gap: Field) -> State:
-        """Return the state of the admissible gap that is near to another."""
-        gap = self.control.admissible(gap)
+    def state(self, gap: Field, side: Field | None = None) -> State:
+        """Return the state of the admissible gap that is near to another.
+
+        On a surface that yields a signed gap is cut where it leaves its side.
+        """
+        gap = self.control.admissible(gap, side)
         return State(gap, self.balance(gap))
 
 

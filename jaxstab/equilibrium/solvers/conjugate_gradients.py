@@ -13,6 +13,7 @@ from jaxtyping import Array, Int
 
 from jaxstab.contact.contact import Contact
 from jaxstab.contact.residual import Balance
+from jaxstab.core import model
 from jaxstab.core.accuracy import EQUILIBRIUM
 from jaxstab.core.checks import as_array, concrete, parameter, require
 from jaxstab.core.control_flow import either, on_platform
@@ -21,6 +22,7 @@ from jaxstab.core.history import Indicators
 from jaxstab.core.loop import optional_parameter
 from jaxstab.core.types import Field, Flag, Scalar
 from jaxstab.equilibrium.solvers.base import EquilibriumSolver, Problem
+from jaxstab.loads.load import Control
 from jaxstab.solids.solid import Solid
 
 # A `max_move` for the way to another branch: with longer moves it came to other minima than an
@@ -154,7 +156,7 @@ class _Prepared(Problem):
     def energy(self, balance: Balance) -> Scalar:
         """Return the energy of a state and of the load, summed over the points."""
         work = balance.net.size * self.control.energy(balance.mean_gap)
-        return balance.energy + work
+        return balance.potential + work
 
 
 def _begin_search(problem: _Prepared, state: _DescentState) -> _LineSearch:
@@ -163,7 +165,7 @@ def _begin_search(problem: _Prepared, state: _DescentState) -> _LineSearch:
     net = state.balance.net
     before = state.search
     is_moving = control.moving(state.gap, net)
-    force = control.project(net, is_moving)
+    force = control.project(_force(control, state.gap, net, net), is_moving)
     inverse = partial(problem.precondition, state.balance.curvature)
     steepest = control.precondition(inverse, force, is_moving)
     force_norm, overlap, slope = totals(
@@ -184,15 +186,25 @@ def _begin_search(problem: _Prepared, state: _DescentState) -> _LineSearch:
     return _LineSearch(direction, force, force_norm, is_convex, length, jnp.array(0))
 
 
+def _force(control: Control, gap: Field, net: Field, pressure: Field) -> Field:
+    """Return the force by a net pressure on the sides of zero that a gap is on, or leaves to."""
+    side = control.side(gap, net)
+    if side is None:
+        return pressure
+    return model.on_side(pressure, side, control.largest_reaction)
+
+
 def _attempt(problem: _Prepared, state: _DescentState, search: _LineSearch) -> _DescentTrial:
     """Return the gap at the length of a search, and whether that is where it ends."""
     control = problem.control
     energy = problem.energy(state.balance)
-    gap = control.admissible(state.gap - search.length * search.direction)
+    net = state.balance.net
+    side = control.side(state.gap, net)
+    gap = control.admissible(state.gap - search.length * search.direction, side)
     balance = problem.balance(gap)
     change = gap - state.gap
-    net = state.balance.net
-    before, after, force = totals([net * change, balance.net * change, net])
+    forces = (_force(control, state.gap, net, each) for each in (net, balance.net))
+    before, after, force = totals([*(force * change for force in forces), net])
     # The work of a load that is nearly nothing, as at a spring that has relaxed, is no more certain
     # than the mean gap, nor is the work of the net pressures, as where surfaces just touch.
     mean_gap = state.balance.mean_gap
@@ -279,7 +291,7 @@ def _shortening(contact: Contact, max_move: Scalar) -> Callable[..., Array]:
 
     def shortened(length: Scalar, gap: Field, direction: Field) -> Scalar:
         moves = direction != 0
-        rooms = (law_range + gap) / jnp.where(moves, jnp.abs(direction), 1)
+        rooms = (law_range + contact.open_gap(gap)) / jnp.where(moves, jnp.abs(direction), 1)
         room = max_move.astype(length.dtype) * jnp.min(jnp.where(moves, rooms, jnp.inf))
         return jnp.minimum(length, room)
 

@@ -56,8 +56,12 @@ class PolonskyKeerRey(EquilibriumSolver):
         """Return a problem that holds the mean gap.
 
         Raises:
-            ValueError: for a load that does not.
+            ValueError: for a load that does not, and for a contact with a hardness.
         """
+        if problem.contact.hardness is not None:
+            raise ValueError(
+                "PolonskyKeerRey knows no hardness: use PreconditionedConjugateGradient."
+            )
         if not problem.control.fixes_mean:
             raise ValueError(
                 "PolonskyKeerRey holds the mean gap only: under any other load use "

@@ -10,6 +10,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Int
 
 from jaxstab.contact.hessian import Hessian
+from jaxstab.core import model
 from jaxstab.core.accuracy import EQUILIBRIUM, NEWTON_STEP
 from jaxstab.core.checks import as_array
 from jaxstab.core.control_flow import choose, on_platform
@@ -61,18 +62,21 @@ class SaddleNewton(EquilibriumSolver):
         """Return the state after a step of Newton's method, or of the part that is no worse."""
         control = problem.control
         solid = problem.contact.solid
-        net = state.balance.net
+        side = control.side(state.gap, state.balance.net)
+        force = state.balance.net
+        if side is not None:
+            force = model.on_side(force, side, control.largest_reaction)
         curvature = state.balance.curvature
-        is_moving = control.moving(state.gap, net)
+        is_moving = control.moving(state.gap, state.balance.net)
         hessian = Hessian(solid, curvature, control.stiffness, is_moving)
         adhesion = total(jnp.abs(curvature)) / curvature.size
         inverse = hessian.inverse(solid.min_stiffness + adhesion)
 
         system = LinearSystem(hessian, inverse, lambda field: control.project(field, is_moving))
-        change = minres(system, -net, NEWTON_STEP, MAX_STEPS)
+        change = minres(system, -force, NEWTON_STEP, MAX_STEPS)
 
         def attempt(trial: _NewtonTrial) -> _NewtonTrial:
-            new = problem.state(state.gap + trial.length * change)
+            new = problem.state(state.gap + trial.length * change, side)
             return _NewtonTrial(new, trial.length / 2, trial.count + 1)
 
         def is_worse(trial: _NewtonTrial) -> Flag:

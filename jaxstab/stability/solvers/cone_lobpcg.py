@@ -189,7 +189,7 @@ class _RitzVector(eqx.Module):
         """Return the Ritz vector around a point of the search."""
         operator = problem.operator
         cone = problem.domain
-        face = cone.face(jnp.maximum(point.mode, state.descended))
+        face = cone.face(jnp.maximum(cone.inward(point.mode), cone.inward(state.descended)))
         residual = face.project(point.product - point.eigenvalue * point.mode)
         precondition = operator.preconditioner(point.mode, point.eigenvalue)
         steepest = face.project(precondition(residual))
@@ -238,7 +238,7 @@ def _lower(problem: Eigenproblem, state: _ConeState) -> _ConeState:
     def attempt(trial: _ConeTrial) -> _ConeTrial:
         part = plane.at(trial.length)
         vector = combination(part, plane.basis)
-        is_new = plane.is_rough | jnp.any(cone.one_sided & (vector < 0))
+        is_new = plane.is_rough | jnp.any(cone.excludes(vector))
 
         def project() -> tuple[Array, Array]:
             mode = model.onto_sphere(cone.project(vector))
@@ -275,7 +275,7 @@ def _tried_once(problem: Eigenproblem, state: _ConeState) -> _ConeState:
     length = 3.0 ** -jnp.maximum(state.num_failures, 0).astype(state.move.dtype)
     vector = combination(plane.at(length), plane.basis)
     # On the cone already, its zeros stay zero: rounding in a projection would open the face there.
-    is_new = plane.is_rough | jnp.any(cone.one_sided & (vector < 0))
+    is_new = plane.is_rough | jnp.any(cone.excludes(vector))
     vector = jnp.where(is_new, cone.project(vector), vector)
     mode = model.onto_sphere(jnp.where(state.is_stuck, state.descended, vector))
     tried, is_lower = _compare(state.point, mode, operator(mode))

@@ -108,7 +108,8 @@ class ProximalIteration(ConeSolver):
         new = jnp.where(cone.is_moving, new, 0)
         new /= jnp.sqrt(total(new**2))  # (35)
         moved = 2 * new - x
-        y = jnp.where(cone.one_sided, jnp.minimum(y + moved, 0), 0)  # (36)
+        outward = cone.inward(jnp.minimum(cone.inward(y + moved), 0))
+        y = jnp.where(cone.one_sided, outward, 0)  # (36)
         z_change = jnp.zeros_like(z)
         if cone.fixes_mean:
             z_change = mean(moved)  # (37)

@@ -1,0 +1,174 @@
+"""Paths of surfaces that yield: the balance of their work, and the surface that is left."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import jaxstab as js
+
+GRID = js.Grid((12,), (1.0,))
+X = np.asarray(GRID.coordinates[0])
+HEIGHTS = -0.2 * (X - 0.5) ** 2
+
+
+def contact_of(hardness=0.08):
+    law = js.potentials.NoAdhesion()
+    return js.Contact(js.HalfSpace(GRID, 1.0), HEIGHTS, law, hardness=hardness)
+
+
+def adhesive_contact():
+    law = js.potentials.Exponential(0.006, 0.03)
+    return js.Contact(js.HalfSpace(GRID, 1.0), 5 * HEIGHTS, law, hardness=0.25)
+
+
+def rough(path_of=js.follow, **options):
+    """Follow a path without locating its smallest jumps, which it does not have."""
+    return path_of(smallest_jump=1e-4, disturbance=0.0, **options)
+
+
+@pytest.fixture(scope="module")
+def loop():
+    turns = js.MeanDisplacement(jnp.array([0.01, -0.02, 0.01, -0.02]))
+    return rough(contact=contact_of(), load=turns, fields=True)
+
+
+def test_a_second_loop_yields_nothing_more_and_retraces_the_first(loop):
+    states = loop.equilibrium
+    turns = np.flatnonzero(np.diff(np.sign(np.diff(loop.load.value))) != 0) + 1
+    first, back = turns
+    plastic = np.asarray(states.plastic_work)
+    assert plastic[first] > 0
+    np.testing.assert_allclose(plastic[first:], plastic[first], rtol=1e-9)
+    np.testing.assert_allclose(states.mean_pressure[-1], states.mean_pressure[first], rtol=1e-9)
+    np.testing.assert_allclose(states.gap[-1], states.gap[first], atol=1e-9)
+    # The surface that is left lies lower: it carries less at the same displacement.
+    on, off = (slice(None, first + 1), slice(first, back + 1))
+    loads = np.asarray(loop.load.value)
+    loading = np.interp(0.015, -loads[on], states.mean_pressure[on])
+    unloading = np.interp(-0.015, loads[off], states.mean_pressure[off])
+    assert unloading < loading
+
+
+def test_the_indentation_never_falls_and_the_surface_left_is_the_one_before_less_it(loop):
+    depth = np.asarray(loop.equilibrium.indentation)
+    assert (np.diff(depth, axis=0) >= 0).all()
+    np.testing.assert_array_equal(loop[-1].indentation, depth[-1])
+    np.testing.assert_array_equal(loop[3].indentation, depth[3])
+    np.testing.assert_allclose(loop.contact.heights, HEIGHTS - depth[-1], atol=1e-15)
+    np.testing.assert_allclose(
+        loop.plastic_work, 0.08 * depth[-1].mean() - 0.08 * depth[0].mean(), rtol=1e-9
+    )
+
+
+def test_the_work_is_the_energy_and_the_plastic_work(loop):
+    states = loop.equilibrium
+    assert len(loop.jumps) == 0
+    # By quadrature of the pressures, which the energies do not know of.
+    increments = np.diff(loop.load.value)
+    pressures = np.asarray(states.mean_pressure)
+    work = -(increments * (pressures[1:] + pressures[:-1]) / 2).sum()
+    np.testing.assert_allclose(loop.work, work, rtol=2e-3)
+    np.testing.assert_allclose(
+        loop.work, states.energy[-1] - states.energy[0] + loop.plastic_work, rtol=1e-9
+    )
+    assert "plastic work" in repr(loop)
+
+
+def test_a_path_goes_on_over_the_surface_that_is_left(loop):
+    on = rough(
+        contact=loop.contact,
+        load=js.MeanDisplacement(jnp.array([-0.02, -0.024])),
+        initial=loop[-1],
+    )
+    whole = rough(
+        contact=contact_of(), load=js.MeanDisplacement(jnp.array([0.01, -0.024])), fields=True
+    )
+    np.testing.assert_allclose(on.contact.heights, whole.contact.heights, atol=2e-4)
+    assert on.plastic_work > 0
+    # A mean gap counts from the surface with which the path begins.
+    shift = HEIGHTS.mean()
+    gaps = js.MeanGap(jnp.array([0.01, -0.02]) - shift)
+    same = rough(contact=contact_of(), load=gaps)
+    np.testing.assert_allclose(same.equilibrium.mean_pressure[-1], whole_pressure(loop), rtol=1e-4)
+
+
+def whole_pressure(path):
+    lowest = np.argmin(path.load.value)
+    return path.equilibrium.mean_pressure[lowest]
+
+
+def test_a_state_of_a_path_is_one_of_the_surface_that_it_leaves(loop):
+    contact = contact_of()
+    first = int(np.argmin(loop.load.value))
+    left = contact.after(loop[first])
+    state = js.equilibrate(left, js.MeanDisplacement(-0.02), initial=loop[first])
+    assert state.indentation.max() < 1e-9
+    np.testing.assert_allclose(state.mean_pressure, loop.equilibrium.mean_pressure[first])
+    stability = js.assess_stability(left, state)
+    assert stability.verdict == "stable"
+
+
+def test_adhesion_makes_jumps_whose_plastic_work_is_told_apart():
+    contact = adhesive_contact()
+    turns = js.MeanPressure(jnp.array([0.0, 0.1, -0.15]))
+    path = rough(contact=contact, load=turns)
+    assert len(path.jumps) == 2
+    # The last pulls the surfaces off.
+    assert np.isnan(path.jumps.dissipation[1])
+    assert path.jumps.dissipation[0] > 0
+    assert path.plastic_work > 0
+    np.testing.assert_allclose(path.jumps.plastic_work, 0, atol=1e-12)
+    states = path.equilibrium
+    number = int(path.jumps[1].state)
+    # A dead load works by the mean displacement.
+    pressures = np.asarray(states.mean_pressure)[: number + 1]
+    depth = np.asarray(states.plastic_work)[: number + 1] / 0.25
+    heights = np.asarray(states.mean_gap)[: number + 1] - depth
+    work = -(np.diff(heights) * (pressures[1:] + pressures[:-1]) / 2).sum()
+    np.testing.assert_allclose(states.work[number], work, rtol=1e-2)
+    for jump in path.jumps:
+        stability = js.assess_stability(contact, jump.before)
+        assert stability.verdict.name in ("stable", "held_by_contact", "undecided")
+    elastic = rough(contact=contact.elastic, load=turns)
+    # A flattened surface holds more.
+    assert path.jumps[-1].load.value < elastic.jumps[-1].load.value
+
+
+def test_files_keep_the_indentation(loop, tmp_path):
+    js.save(tmp_path / "path.nc", contact_of(), loop)
+    contact, again = js.load(tmp_path / "path.nc", potential=js.potentials.NoAdhesion())
+    np.testing.assert_array_equal(contact.hardness, 0.08)
+    np.testing.assert_array_equal(again.equilibrium.indentation, loop.equilibrium.indentation)
+    np.testing.assert_array_equal(again.contact.heights, loop.contact.heights)
+    state = js.equilibrate(contact_of(), js.MeanPressure(0.03))
+    js.save(tmp_path / "state.nc", contact_of(), state)
+    _, same = js.load(tmp_path / "state.nc")
+    np.testing.assert_array_equal(same.indentation, state.indentation)
+
+
+@pytest.mark.nightly
+def test_a_path_within_a_program_is_the_same(loop):
+    turns = js.MeanDisplacement(jnp.array([0.01, -0.02, 0.01, -0.02]))
+
+    @jax.jit
+    def path_of(contact):
+        return rough(contact=contact, load=turns, max_states=256, max_jumps=1)
+
+    found = path_of(contact_of())
+    np.testing.assert_allclose(found.plastic_work, loop.plastic_work, rtol=1e-9)
+    np.testing.assert_allclose(found.contact.heights, loop.contact.heights, atol=1e-12)
+
+
+def test_other_functions_ask_for_a_surface_that_stays_as_it_is():
+    contact = adhesive_contact()
+    for call in (
+        lambda: js.pull_off(contact),
+        lambda: js.continuation(contact, js.MeanGap(jnp.array([0.1, 0.05]))),
+        lambda: js.critical_load(contact, js.MeanPressure(jnp.array([0.0, -0.1]))),
+    ):
+        with pytest.raises(ValueError, match=r"takes no surface that yields: give contact.after"):
+            call()
+    state = js.equilibrate(contact, js.MeanPressure(0.1))
+    pull = js.pull_off(contact.after(state).elastic, initial=state)
+    assert pull.load.value < 0
