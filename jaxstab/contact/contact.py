@@ -289,7 +289,7 @@ class Contact(eqx.Module):
 
     @property
     def elastic(self) -> "Contact":
-        """The same contact, of which nothing yields."""
+        """The same contact, which does not yield."""
         return self.with_hardness(None)
 
     def with_hardness(self, hardness: Array | None) -> "Contact":

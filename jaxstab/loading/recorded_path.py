@@ -79,7 +79,7 @@ def _jump(contact: Contact, loads: Load, event: Event) -> Jump:
     load = loads[0].at(event.before.value)
 
     def explain() -> tuple[KINDS, Field, BarrierLaw]:
-        # The branch of the surface as it is before the jump, of which nothing yields further.
+        # The branch of the surface as it is before the jump, which yields no further.
         as_it_is = contact.after(event.before).elastic
         here = load_before(load, event.before)
         return _explanation(as_it_is, limit_ahead(as_it_is, here, event.before.gap, event.ahead))
