@@ -54,6 +54,7 @@ TABLES = {
         "solids equilibrium loading",
         peers="Adhesion ContactMechanics muGrid",
     ),
+    "half_spaces": Table("benchmarks/half_spaces.py", "solids", peers="ContactMechanics"),
     "jumps": Table("benchmarks/jumps.py", "loading"),
     "kernels": Table("benchmarks/kernels.py", "equilibrium stability"),
     "laboratory": Table("benchmarks/laboratory.py", "contact loading"),

@@ -250,7 +250,7 @@ def _variable(record: NamedArray, contact: Contact, load: Load | None) -> Variab
         name = f"load: {type(load).__name__}"
         dimension = load.unit
     else:
-        if holders[-1:] in (["layer"], ["base"]):
+        if holders[-1:] in (["layer"], ["base"]) and field.isdigit():
             field = _MODULI[int(field)]
         name = _NAMES.get(field, field.replace("_", " "))
     if dimension == "load" and load is not None:

@@ -34,6 +34,7 @@ WAITING = {
             "force_curve_errors",
             "force_curves",
             "free_half_space",
+            "half_spaces",
             "jumps",
             "laboratory",
             "laboratory_curves",

@@ -37,6 +37,10 @@ KNOWN = [
     (js.SurfaceTension, ["Style", "Hyland", "Boltyanskiy", "Wettlaufer", "Dufresne"], "2013"),
     (js.references.persson_brener, ["Persson", "Brener"], "2005"),
     (js.references.hertz, ["Hertz"], "1882"),
+    (js.solids.Anisotropic, ["Barnett", "Lothe"], "1973"),
+    (js.solids.Layered, ["Dunkin"], "1965"),
+    (js.solids.Graded, ["Chen", "Yan", "Zhang", "Gao"], "2009"),
+    (js.references.materials, ["Hall"], "1967"),
     (js.references.westergaard, ["Westergaard"], "1939"),
 ]
 

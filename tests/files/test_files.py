@@ -264,7 +264,14 @@ def test_solids_with_a_scaled_stiffness_come_back(tmp_path):
     layer = js.Layer(contact.grid, 1.0, 0.3, 0.1)
     rubber = js.Viscoelastic.from_moduli(layer, (0.5,), (1.0,))
     altered = js.solids.Solid.scaled(layer, jnp.array(2.0))
-    for i, solid in enumerate((rubber, rubber.glassy, altered)):
+    films = [js.solids.Film((1.0, 0.5), 0.1, slips=True), js.solids.Film((2.0, 0.2), 0.3)]
+    rigid = js.solids.Layered(contact.grid, films, "rigid")
+    silicon = js.solids.Crystal((165.64, 63.94, 79.51), ((0, 0, 1), (1, -1, 0), (1, 1, 0)))
+    coated = js.solids.Layered(contact.grid, films, silicon)
+    crystal = js.solids.Anisotropic(contact.grid, silicon.stiffness)
+    graded = js.solids.Graded(contact.grid, 1.0, 0.3, 0.1, 0.5)
+    stacks = rigid, coated, crystal, graded
+    for i, solid in enumerate((rubber, rubber.glassy, altered, *stacks)):
         both = js.Contact(solid, contact.heights, contact.potential), state
         assert_same_bits(both, js.load(js.save(tmp_path / f"{i}.nc", *both)))
 
