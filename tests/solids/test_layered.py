@@ -204,24 +204,6 @@ def test_a_contact_takes_a_stack_or_its_stiffness_computed_once():
     )
 
 
-def test_effective_work_and_resolved_range_are_known_for_a_stack():
-    grid = js.Grid(8)
-    films = [Film(Crystal(CUBIC, ((0, 0, 1), (1, -1, 0), (1, 1, 0))), 0.05)]
-    solid = Layered(grid, films, STIFF)
-    heights = js.surfaces.self_affine(grid, jax.random.key(1), k_high=3, rms_height=0.02)
-    law = js.potentials.Exponential(0.002, 0.02)
-    power = np.abs(np.fft.fft2(heights)[:, :5] / 64) ** 2
-    energy = np.sum(grid.mode_multiplicity * solid.waves.multiplier * power) / 2
-    found = js.surfaces.full_contact_energy(solid, heights)
-    np.testing.assert_allclose(found, energy, rtol=1e-10)
-    work = js.surfaces.effective_work_of_adhesion(solid, heights, 0.002)
-    area = 1 + js.surfaces.rms_slope(grid, heights) ** 2 / 2
-    np.testing.assert_allclose(work, 0.002 * area - energy, rtol=1e-2)
-    contact = js.Contact(solid, heights, law)
-    shortest = np.sqrt(4 * 0.002 / solid.max_stiffness)
-    np.testing.assert_allclose(js.resolved_range(contact), shortest, rtol=1e-6)
-
-
 def test_a_stack_that_relaxes_alike_is_viscoelastic_and_no_other():
     solid = Layered(GRID, [Film(SOFT, 0.1), Film(STIFF, 0.2)], (2.0, 0.3))
     aged = js.Viscoelastic(solid, (1.5,), (1.0,))
