@@ -55,6 +55,11 @@ TABLES = {
         peers="Adhesion ContactMechanics muGrid",
     ),
     "half_spaces": Table("benchmarks/half_spaces.py", "solids", peers="ContactMechanics"),
+    "hardness": Table(
+        "benchmarks/hardness.py",
+        "contact equilibrium",
+        peers="tamaas ContactMechanics SurfaceTopography muGrid",
+    ),
     "jumps": Table("benchmarks/jumps.py", "loading"),
     "kernels": Table("benchmarks/kernels.py", "equilibrium stability"),
     "laboratory": Table("benchmarks/laboratory.py", "contact loading"),

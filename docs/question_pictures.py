@@ -104,6 +104,19 @@ def wafers(names: Names, axes: Axes) -> None:
     axes.legend()
 
 
+def metals(names: Names, panels: list[Axes]) -> None:
+    """Draw the contact at 1 N with its yielding points, and the resistance over the force."""
+    contact, resistance, forces = names["contact"], names["resistance"], names["forces"]
+    js.plots.contact_map(contact, names["states"][1], axes=panels[0])
+    for states, colour, label in (("states", VERMILION, "yielding"), ("elastic", BLUE, "elastic")):
+        found = [float(resistance(contact, state)) for state in names[states]]
+        panels[1].loglog(forces, found, "o-", color=colour, label=label)
+    panels[1].set_xticks(forces, [f"{force:g}" for force in forces])
+    panels[1].minorticks_off()
+    panels[1].set(xlabel="force [N]", ylabel="resistance [mΩ]")
+    panels[1].legend()
+
+
 def loop(names: Names, axes: Axes) -> None:
     """Draw the losses over the duration of the loop."""
     runs = names["runs"]
@@ -184,10 +197,11 @@ DRAWINGS: dict[str, Callable[[Names, Any], None]] = {
     "sticky": sticky,
     "seal": seal,
     "wafers": wafers,
+    "metals": metals,
     "loop": loop,
     "speed": speed,
     "pillars": pillars,
     "humidity": humidity,
     "particles": particles,
 }
-PANELS = {"sticky": 2, "seal": 2, "speed": 2}
+PANELS = {"sticky": 2, "seal": 2, "speed": 2, "metals": 2}

@@ -243,6 +243,8 @@ def _add_report(parser: Parser) -> None:
         "pull-off is extrapolated (default: the shortest that the grid resolves)"
     )
     add("--range", type=number, metavar="RHO", help=help)
+    help = "largest pressure that the softer surface bears, beyond which it yields [Pa]"
+    add("--hardness", type=number, metavar="H", help=help)
     help = f"the page{_DEFAULT}"
     default = Path("report.html")
     parser.add_argument("--output", type=Path, default=default, metavar="FILE", help=help)

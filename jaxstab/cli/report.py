@@ -48,6 +48,7 @@ def run(options: argparse.Namespace) -> None:
         size=options.size,
         detrend=options.detrend,
         periodic=options.periodic,
+        hardness=options.hardness,
         wording=wording,
     )
     print(file)

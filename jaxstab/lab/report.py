@@ -54,6 +54,7 @@ def report(
     size: int | None = None,
     detrend: int | None = None,
     periodic: Literal["window", "mirror", "as_is"] | None = None,
+    hardness: float | None = None,
     wording: Wording | None = None,
 ) -> Path:
     """Describe how a scanned surface sticks, on a page of HTML that needs no other file.
@@ -78,6 +79,9 @@ def report(
         detrend: the order of the trend that is removed, as in `Topography.levelled`.
         periodic: how to make the edges meet, as in `Topography.periodic`: by default "as_is" if
             they meet, "mirror" if they do not.
+        hardness: the largest pressure that the softer surface bears [Pa]: summits yield where it is
+            reached. The pull-off and the loop are then of the surface that the largest of the three
+            loads has left.
         wording: how the page names its arguments and itself; the command line has its own.
 
     Returns:
@@ -90,7 +94,7 @@ def report(
     path = _new_page(file)
     wording = wording or Wording()
     arguments = Arguments(
-        youngs_modulus, surface_energy, poisson_ratio, range, size, detrend, periodic
+        youngs_modulus, surface_energy, poisson_ratio, range, size, detrend, periodic, hardness
     )
     notes: list[str] = []
     is_silenced = bool(os.environ.get("TQDM_DISABLE"))

@@ -56,7 +56,7 @@ def parts(
         [
             "The scanned surface is rigid, the other one smooth and an elastic half space. Two "
             "elastic bodies behave alike if 1/E* is the sum of theirs.",
-            "No plasticity, viscosity, friction or inertia.",
+            f"No {'' if arguments.hardness else 'plasticity, '}viscosity, friction or inertia.",
             "The surface repeats itself beyond its cell. Waves that are longer than the cell, or "
             "shorter than two spacings of the grid, are left out.",
         ]
@@ -71,6 +71,11 @@ def parts(
         yield page.paragraph(
             "The largest tension of a contact that is unloaded by a dead load from zero pressure."
         )
+        if arguments.hardness is not None:
+            yield page.paragraph(
+                "Summits yield. This is the pull-off, and below the loop, of the surface that the "
+                "largest of the three pressures below has left, of which nothing yields further."
+            )
         yield page.table(*_pull_offs(results))
         yield from _extrapolation(results, advice)
     if results.states is not None:
@@ -259,10 +264,15 @@ def _parameters(
     cell = tuple(np.rint(sides).astype(int).tolist())
     if results.surface.grid.shape != cell:
         points += f", resampled from {_times(cell)}: `size` takes more"
+    hardness = []
+    if arguments.hardness is not None:
+        bears = f"{units.text(arguments.hardness, 'pressure')}, the largest pressure that is borne"
+        hardness.append(("hardness H", bears))
     return [
         ("Young's modulus E", units.text(float(solid.youngs_modulus), "pressure")),
         ("Poisson's ratio nu", f"{float(solid.poisson_ratio):g}"),
         ("E* = E / (1 - nu²)", units.text(float(solid.contact_modulus), "pressure")),
+        *hardness,
         ("work of adhesion w", units.text(float(law.surface_energy), "energy/area")),
         ("law of adhesion", "f(g) = -w exp(-g / rho), an energy per area at a gap g"),
         ("range rho", advice(length)),
@@ -415,8 +425,14 @@ def _pull_offs(results: Results) -> tuple[list[list[str]], list[str]]:
 
 def _loads(contact: js.Contact, states: list[LoadedState]) -> tuple[list[list[str]], list[str]]:
     rows = [_load_row(contact, state) for state in states]
-    names = ("pressure", "contact area", "mean gap", "patches", "largest", "verdict", "barrier")
-    return rows, [*names]
+    names = ["pressure", "contact area", "mean gap", "patches", "largest", "verdict", "barrier"]
+    if contact.hardness is not None:
+        names.append("yielding")
+        for row, state in zip(rows, states, strict=True):
+            yielded = state.equilibrium.yielded_area
+            assert yielded is not None
+            row.append(f"{100 * float(yielded):.1f} %")
+    return rows, names
 
 
 def _load_row(contact: js.Contact, state: LoadedState) -> list[str]:

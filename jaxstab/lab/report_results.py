@@ -16,8 +16,8 @@ from jaxstab.contact import pinning_error
 # those below which a scan has no roughness to speak of.
 _POINTS = 128
 _FEWEST = 8
-# Mean pressures over E* times the rms slope. Without adhesion twice that share of the area is in
-# contact.
+# Mean pressures over E* times the rms slope, or over twice the hardness if that is less. Without
+# adhesion twice that share of the area is in contact.
 _PRESSURES = (0.0, 0.05, 0.15)
 # The loop turns at this many ranges above the highest point, and at this share of the rms height,
 # or of the range on a flat surface.
@@ -51,6 +51,7 @@ class Arguments:
     size: int | None
     detrend: int | None
     periodic: Treatment | None
+    hardness: float | None
 
 
 @dataclass(frozen=True)
@@ -168,7 +169,7 @@ def results_of(scan: js.surfaces.Topography, arguments: Arguments) -> Iterator[R
     surface = _resampled(scan.periodic(treatment), arguments.size)
     solid = js.HalfSpace(surface.grid, arguments.youngs_modulus, arguments.poisson_ratio)
     law, asked = _law_and_range(solid, surface, arguments)
-    contact = js.Contact(solid, surface, law)
+    contact = js.Contact(solid, surface, law, hardness=arguments.hardness)
     power_law = _power_law(measured)
     known = Results(scan, treatment, measured, power_law, surface, solid, law, asked, contact)
     yield known
@@ -182,16 +183,19 @@ def results_of(scan: js.surfaces.Topography, arguments: Arguments) -> Iterator[R
     _warn_of_treatment(known)
     yield known
     longer = _law(arguments, _LONGER * float(law.length))
-    known = replace(known, longer=_pull_off(js.Contact(solid, surface, longer)))
+    known = replace(
+        known, longer=_pull_off(js.Contact(solid, surface, longer, hardness=arguments.hardness))
+    )
     yield known
     coarser = surface.resampled([max(2, -(-points // 2)) for points in surface.grid.shape])
     coarse_solid = js.HalfSpace(coarser.grid, arguments.youngs_modulus, arguments.poisson_ratio)
     # A coarser grid is its purpose.
     with warnings.catch_warnings(action="ignore", category=js.exceptions.ResolutionWarning):
-        known = replace(known, coarser=_pull_off(js.Contact(coarse_solid, coarser, law)))
+        rough = js.Contact(coarse_solid, coarser, law, hardness=arguments.hardness)
+        known = replace(known, coarser=_pull_off(rough))
     yield known
     assert known.states is not None
-    yield replace(known, loop=_loop(contact, solid, law, known.states[-1].equilibrium))
+    yield replace(known, loop=_loop(_left(contact), solid, law, known.states[-1].equilibrium))
 
 
 def _levelled(scan: js.surfaces.Topography, order: int | None) -> js.surfaces.Topography:
@@ -265,14 +269,31 @@ def _law(arguments: Arguments, length: float) -> js.potentials.Exponential:
 
 def loaded_states(contact: js.Contact, solid: js.HalfSpace) -> list[LoadedState]:
     """Return the states of the report under several pressures, with patches and verdicts."""
-    slope = js.surfaces.rms_slope(contact.grid, contact.heights)
-    unit = float(solid.contact_modulus * slope) or float(contact.profile.max_attraction)
     states = []
     for share in _PRESSURES:
-        equilibrium = js.equilibrate(contact, js.MeanPressure(share * unit))
+        equilibrium = js.equilibrate(contact, js.MeanPressure(share * _pressure(contact, solid)))
         stability = js.assess_stability(contact, equilibrium)
         states.append(LoadedState(equilibrium, js.patches(contact, equilibrium), stability))
     return states
+
+
+def _pressure(contact: js.Contact, solid: js.HalfSpace) -> float:
+    """Return the pressure of which `_PRESSURES` are shares."""
+    slope = js.surfaces.rms_slope(contact.grid, contact.heights)
+    unit = float(solid.contact_modulus * slope) or float(contact.profile.max_attraction)
+    if contact.hardness is None:
+        return unit
+    return min(unit, 2 * float(contact.hardness))
+
+
+def _left(contact: js.Contact) -> js.Contact:
+    """Return the contact over the surface that the largest pressure leaves, if it yields."""
+    if contact.hardness is None:
+        return contact
+    solid = contact.solid
+    assert isinstance(solid, js.HalfSpace)
+    load = js.MeanPressure(_PRESSURES[-1] * _pressure(contact, solid))
+    return contact.after(js.equilibrate(contact, load)).elastic
 
 
 def _loop(
@@ -297,7 +318,7 @@ def _loop(
 
 def _pull_off(contact: js.Contact) -> js.results.CriticalLoad:
     """Return the pull-off of a contact, which may not be found."""
-    pull_off = js.pull_off(contact, throw=False)
+    pull_off = js.pull_off(_left(contact), throw=False)
     _require_uninterrupted(pull_off.result)
     return pull_off
 
@@ -343,7 +364,7 @@ def _treated(known: Results) -> list[Treated]:
     for name, cell, keeps in cells.values():
         surface = cell.resampled([round(n) for n in (cell.lengths / spacing).tolist()])
         solid = js.HalfSpace(surface.grid, known.solid.contact_modulus)
-        pull_off = _pull_off(js.Contact(solid, surface, known.law))
+        pull_off = _pull_off(js.Contact(solid, surface, known.law, hardness=known.contact.hardness))
         treated.append(Treated(name, surface, pull_off, keeps))
     return treated
 

@@ -20,6 +20,7 @@ from jaxstab.core.units import Units
 from jaxstab.equilibrium.equilibrium import State, found_equilibrium
 from jaxstab.plots.style import (
     BLACK,
+    VERMILION,
     add_legend,
     axes_or_new,
     draw_zero,
@@ -73,14 +74,21 @@ def pressure(contact: Contact, equilibrium: State, *, axes: Axes | None = None) 
 
 
 def contact_map(contact: Contact, equilibrium: State, *, axes: Axes | None = None) -> Axes:
-    """Draw where the surfaces touch, in black (Rey & Bleyer, fig. 8).
+    """Draw where surfaces touch (Rey & Bleyer, fig. 8): black, and orange where they yield.
 
     Example:
         >>> axes = js.plots.contact_map(contact, state)
     """
     equilibrium = found_equilibrium(contact, equilibrium)
-    axes = draw_areas(axes, contact, np.asarray(equilibrium.in_contact, int), [BLACK])
-    axes.set_title(f"contact area {100 * float(equilibrium.contact_area):.1f} %")
+    numbers, colours = np.asarray(equilibrium.in_contact, int), [BLACK]
+    title = f"contact area {100 * float(equilibrium.contact_area):.1f} %"
+    is_yielding = equilibrium.is_yielding
+    if is_yielding is not None:
+        yielding = np.asarray(is_yielding)
+        numbers, colours = numbers + yielding, [BLACK, VERMILION]
+        title += f", yielding {100 * yielding.mean():.1f} %"
+    axes = draw_areas(axes, contact, numbers, colours)
+    axes.set_title(title)
     return axes
 
 

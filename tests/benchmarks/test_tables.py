@@ -35,6 +35,7 @@ WAITING = {
             "force_curves",
             "free_half_space",
             "half_spaces",
+            "hardness",
             "jumps",
             "laboratory",
             "laboratory_curves",

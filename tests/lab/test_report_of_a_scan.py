@@ -1,3 +1,4 @@
+import itertools
 import warnings
 
 import jax
@@ -5,6 +6,8 @@ import numpy as np
 import pytest
 
 import jaxstab as js
+from jaxstab.lab.report_parts import parts
+from jaxstab.lab.report_results import Arguments, results_of
 
 
 def scan(periodic=True):
@@ -45,6 +48,22 @@ def test_a_report_is_made_in_double_precision_and_names_its_call(tmp_path, monke
     assert "This page is not complete" in text and "0.521 % of the points were missing" in text
     call = "js.lab.report(scan, youngs_modulus=1000000.0, surface_energy=0.05, poisson_ratio=0.5, "
     assert call + "range=4e-07, size=16, detrend=1)" in text
+
+
+@pytest.mark.nightly
+def test_a_report_on_a_soft_metal_is_of_the_surface_that_is_left():
+    arguments = Arguments(1e9, 0.05, 0.3, 4e-7, None, 0, "as_is", 2e7)
+    with jax.enable_x64(True), warnings.catch_warnings(action="ignore"):
+        *_, before, results = itertools.islice(results_of(scan(), arguments), 3)
+        pressed = before.states[-1].equilibrium
+        left = results.contact.after(pressed).elastic
+        pull_off = js.pull_off(left)
+    assert 0 < pressed.yielded_area < pressed.contact_area
+    assert pressed.pressure.max() <= 2e7 * (1 + 1e-6)
+    np.testing.assert_allclose(results.pull_off.load.value, pull_off.load.value, rtol=1e-6)
+    text = "".join(parts(arguments, results, [], str))
+    assert "hardness H" in text and "20 MPa" in text and "yielding" in text
+    assert "No viscosity" in text
 
 
 @pytest.mark.parametrize(
