@@ -131,7 +131,7 @@ def test_a_report_states_what_was_done_and_the_command(made):
 
 def results(file, **arguments):
     scan = js.surfaces.read(file, (2.0, 1.5), "um")
-    names = ("range", "size", "detrend", "periodic")
+    names = ("range", "size", "detrend", "periodic", "hardness")
     return results_of(scan, Arguments(1e6, 0.05, 0.4, **(dict.fromkeys(names) | arguments)))
 
 
