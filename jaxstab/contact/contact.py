@@ -356,11 +356,13 @@ class Contact(eqx.Module):
     def control(self, load: Load) -> Control:
         """Return the condition that load and surface set on the gap."""
         control = load.relative_to(self.datum).control(self.solid, self.heights)
-        largest = self.largest_reaction
-        if largest is None:
+        if self.hardness is None:
             return control
         return eqx.tree_at(
-            lambda c: c.largest_reaction, control, largest, is_leaf=lambda leaf: leaf is None
+            lambda c: (c.largest_reaction, c.largest_pressure),
+            control,
+            (self.largest_reaction, jnp.mean(self.hardness)),
+            is_leaf=lambda leaf: leaf is None,
         )
 
     def hessian(self, gap: Field, control: Control | None = None) -> Hessian:

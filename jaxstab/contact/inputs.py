@@ -128,10 +128,12 @@ def hardness_on(
     repulsion = _repulsion(potential, jnp.zeros(grid.shape, dtype))
     is_enough = _allows_contact(given, repulsion)
     if not is_traced(is_enough) and not np.all(concrete(is_enough)):
+        largest = np.max(concrete(repulsion))
+        how_much = f"by {largest:.3g}" if np.isfinite(largest) else "without bound"
         raise ValueError(
-            f"The hardness is {text(given)}, but at zero gap the law repels by "
-            f"{float(jnp.max(repulsion)):.3g}, so that it allows no contact: give a larger "
-            "hardness, or a law that does not repel at zero gap."
+            f"The hardness is {text(given)}, but at zero gap the law repels {how_much}, so that it "
+            "allows no contact: give a larger hardness, or a law that does not repel at zero gap, "
+            "as Exponential."
         )
     return possible(given, is_enough)
 

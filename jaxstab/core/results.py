@@ -46,8 +46,9 @@ class RESULTS(Enumeration):
     )
     infeasible_load = member(
         "this contact cannot carry the load. A mean gap must be positive and finite, and a mean "
-        "pressure finite. A load on the far side needs a solid of finite thickness that is not "
-        "incompressible. Prescribe a mean displacement above the mean height"
+        "pressure finite, and below the mean hardness of a surface with one. A load on the far "
+        "side needs a solid of finite thickness that is not incompressible. Prescribe a mean "
+        "displacement above the mean height"
     )
     sunk = member(
         "the solid is pressed below the surface's lowest point and bulges around its edges. Press "

@@ -28,12 +28,14 @@ class Control(eqx.Module):
         stores_energy: whether the load's energy is one that it gives back, as a spring does.
         largest_reaction: H + f'(0), from which on a point in contact yields, so that its signed gap
             falls below zero; None on a surface that does not yield [pressure].
+        largest_pressure: the mean of H, which no mean pressure exceeds; None likewise [pressure].
     """
 
     fixes_mean: ClassVar[bool]
     stores_energy: ClassVar[bool] = True
 
     largest_reaction: Field | None = eqx.field(default=None, kw_only=True)
+    largest_pressure: Scalar | None = eqx.field(default=None, kw_only=True)
 
     def mean_gap_of(self, gap: Field) -> Scalar:
         """Return the mean of a gap on which p0 does its work [length]."""

@@ -83,8 +83,11 @@ class PressureControl(PressingControl):
 
     @property
     def is_feasible(self) -> Flag:
-        """Whether the pressure is finite."""
-        return jnp.isfinite(self.mean_pressure)
+        """Whether the pressure is finite, and no larger than a surface that yields bears."""
+        is_finite = jnp.isfinite(self.mean_pressure)
+        if self.largest_pressure is None:
+            return is_finite
+        return is_finite & (self.mean_pressure <= self.largest_pressure)
 
     def pressure(self, gap: Field) -> Scalar:
         """Return p0."""

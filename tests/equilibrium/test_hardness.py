@@ -203,12 +203,21 @@ def test_an_impossible_hardness_is_refused(hardness):
 def test_a_hardness_below_the_repulsion_of_the_law_is_refused():
     with pytest.raises(ValueError, match="repels by 2, so that it allows no contact"):
         contact_of(hardness=1.0, law=lambda gap: jnp.exp(-2 * gap))
-    with pytest.raises(ValueError, match="allows no contact"):
+    with pytest.raises(ValueError, match="repels without bound, so that it allows no contact"):
         contact_of(law=js.potentials.LennardJones(0.01, 0.1))
     traced = jax.jit(
         lambda h: js.equilibrate(contact_of(hardness=h), js.MeanPressure(0.03), throw=False)
     )
     assert traced(-1.0).result == "invalid_contact"
+
+
+@pytest.mark.parametrize("hardness", [HARDNESS, np.where(np.arange(6) < 3, 0.1, 0.2)])
+def test_no_mean_pressure_is_above_the_mean_hardness(hardness):
+    contact = contact_of(hardness=np.broadcast_to(hardness, GRID.shape))
+    borne = js.equilibrate(contact, js.MeanPressure(0.99 * 0.15))
+    np.testing.assert_allclose(borne.mean_pressure, 0.99 * 0.15)
+    with pytest.raises(js.exceptions.SolverError, match="below the mean hardness of a surface"):
+        js.equilibrate(contact, js.MeanPressure(1.01 * 0.15))
 
 
 def test_a_viscoelastic_solid_has_no_hardness():
