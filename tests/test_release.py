@@ -64,12 +64,13 @@ def test_binder_installs_what_the_notebooks_import():
     # These are installed with JAX.
     installed |= {NAME.match(line)[0].lower() for line in requires("jax") or []}
     owners = packages_distributions()
+    scripts = {path.stem for path in (ROOT / "benchmarks").glob("*.py")}
     for path in (ROOT / "notebooks").glob("*.ipynb"):
         cells = json.loads(path.read_text())["cells"]
         code = "\n".join("".join(c["source"]) for c in cells if c["cell_type"] == "code")
         for module in set(re.findall(r"^ *(?:import|from) (\w+)", code, re.MULTILINE)):
             names = {name.lower() for name in owners.get(module, [])}
-            is_ours = module in (*sys.stdlib_module_names, "jaxstab")
+            is_ours = module in (*sys.stdlib_module_names, *scripts, "jaxstab")
             assert is_ours or names & installed, f"{path.name} imports {module}"
 
 
