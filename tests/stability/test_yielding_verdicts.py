@@ -16,6 +16,8 @@ SIZE = 7
 HARDNESS = 0.4
 ENERGY, RANGE = 0.25, 0.6
 OPEN, HELD, TOUCHING, YIELDING = range(4)
+# Seeds, few of many, whose cone has a negative eigenvalue and whose critical cone has none.
+HELD_BY_CONTACT = (20, 96, 264, 636, 1336, 1560, 1614, 1990, 2072, 2236)
 
 
 def made_state(seed, load_kind):
@@ -94,12 +96,13 @@ def check_verdicts(seeds):
 
 
 def test_eigenvalues_and_verdicts_are_those_of_all_faces():
-    check_verdicts(range(16))
+    assert "held_by_contact" in check_verdicts((*range(16), *HELD_BY_CONTACT[:2]))
 
 
 @pytest.mark.nightly
 def test_two_hundred_verdicts_are_right():
-    assert "held_by_contact" in check_verdicts(range(1000, 1200))
+    verdicts = check_verdicts((*range(1000, 1190), *HELD_BY_CONTACT))
+    assert verdicts.count("held_by_contact") > 5
 
 
 @pytest.mark.parametrize("seed", range(4))
