@@ -119,36 +119,42 @@ def _formula(
     return Formula(function, arguments, _trace(function, arguments)[0].jaxpr)
 
 
-def _computation(part: Any, opaque: list[Any]) -> Hashable:
-    """Return the computation of a jaxpr or a part of one, equal for equal ones; add what has none.
+def _computation(jaxpr: Jaxpr, opaque: list[Any]) -> Hashable:
+    """Return the computation of a jaxpr, equal for equal ones; add what has none.
 
-    Variables are numbered in order, and arrays are their bytes.
+    Variables are numbered in order, and the values of constants do not count.
     """
+    places: dict[Var, int] = {}
+
+    def place(atom: Any) -> Hashable:
+        if isinstance(atom, Literal):
+            return atom.aval, _parameter(atom.val, opaque)
+        return places.setdefault(atom, len(places)), atom.aval
+
+    inputs = *map(place, jaxpr.constvars), *map(place, jaxpr.invars)
+    equations = [
+        (
+            equation.primitive,
+            *map(place, (*equation.invars, *equation.outvars)),
+            _parameter(equation.params, opaque),
+        )
+        for equation in jaxpr.eqns
+    ]
+    return inputs, tuple(equations), tuple(map(place, jaxpr.outvars))
+
+
+def _parameter(part: Any, opaque: list[Any]) -> Hashable:
+    """Return a parameter of an equation, equal for equal ones, arrays as their bytes."""
     match part:
+        # From JAX 0.12 on the two are one class.
         case ClosedJaxpr():
-            return _computation((part.jaxpr, part.consts), opaque)
+            return _computation(part.jaxpr, opaque), _parameter(part.consts, opaque)
         case Jaxpr():
-            places: dict[Var, int] = {}
-
-            def place(atom: Any) -> Hashable:
-                if isinstance(atom, Literal):
-                    return atom.aval, _computation(atom.val, opaque)
-                return places.setdefault(atom, len(places)), atom.aval
-
-            inputs = *map(place, part.constvars), *map(place, part.invars)
-            equations = [
-                (
-                    equation.primitive,
-                    *map(place, (*equation.invars, *equation.outvars)),
-                    _computation(equation.params, opaque),
-                )
-                for equation in part.eqns
-            ]
-            return inputs, tuple(equations), tuple(map(place, part.outvars))
+            return _computation(part, opaque)
         case tuple() | list():
-            return tuple(_computation(each, opaque) for each in part)
+            return tuple(_parameter(each, opaque) for each in part)
         case dict():
-            return tuple((name, _computation(each, opaque)) for name, each in sorted(part.items()))
+            return tuple((name, _parameter(each, opaque)) for name, each in sorted(part.items()))
         case jax.core.Tracer():
             # The jaxpr holds it.
             opaque.append(id(part))
