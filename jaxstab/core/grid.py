@@ -276,7 +276,7 @@ class Grid(Mesh):
         """
         sides = zip(self.waves, self.lengths, strict=True)
         components = [2 * jnp.pi / length * k.astype(length.dtype) for k, length in sides]
-        modes = jnp.broadcast_arrays(*components)
+        modes = list(jnp.broadcast_arrays(*components))
         if len(modes) == 1:
             modes.append(jnp.zeros_like(modes[0]))
         return self.device_put(jnp.stack(modes))
