@@ -34,11 +34,11 @@ def read_nanosurf(path: Path, spring_constant: float | None) -> list[Recording]:
         raise ValueError("it is a .nhf file, which is not read: save the curves as .nid, or text.")
     if find_spec("NSFopen") is None:
         raise ImportError("Force curves of Nanosurf need NSFopen: pip install 'jaxstab[afm]'.")
-    from NSFopen.read import nid_read  # pyright: ignore[reportMissingImports]
+    from NSFopen.read import nid_read
 
     try:
         # Numbers as in the file: pandas would leave out rows with a gap.
-        file = nid_read(str(path), verbose=False, dataframe=False)
+        file: Any = nid_read(str(path), verbose=False, dataframe=False)
         frames, header = file.data.get("Spec", {}), file.param["HeaderDump"]
     except Exception as error:
         raise ValueError(f"NSFopen cannot read it: {error}") from None
