@@ -6,16 +6,15 @@ range of a sphere, a cone and a punch; the jumps of Guduru's wavy sphere; a half
 squares. Names of tables choose some of them. Times are medians without compilation.
 """
 
-import argparse
 import os
 import time
 import warnings
-from pathlib import Path
 from statistics import median
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+from chosen_tables import make_tables
 
 import jaxstab as js
 from jaxstab.references import guduru, jkr, maugis
@@ -564,23 +563,5 @@ TABLES = {
 }
 
 
-def main():
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("tables", nargs="*", help=f"some of {', '.join(TABLES)}; all by default")
-    parser.add_argument("--out", type=Path, help="a file for the tables as well")
-    arguments = parser.parse_args()
-    lines = []
-    for name in arguments.tables or TABLES:
-        title, header, rows = TABLES[name]
-        lines += [title, "", f"| {' | '.join(header)} |", "|" + "---|" * len(header)]
-        print(title, flush=True)
-        for row in rows():
-            lines.append(f"| {' | '.join(map(str, row))} |")
-            print(lines[-1], flush=True)
-        lines.append("")
-    if arguments.out:
-        arguments.out.write_text("\n".join(lines).rstrip("\n") + "\n")
-
-
 if __name__ == "__main__":
-    main()
+    make_tables(__doc__, TABLES)
