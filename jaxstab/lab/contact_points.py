@@ -11,6 +11,7 @@ import numpy as np
 from scipy.optimize import least_squares
 
 import jaxstab as js
+from jaxstab.lab.figures import axes_or_new
 from jaxstab.lab.fit import ForceCurveFit, own_units, write_table
 
 if TYPE_CHECKING:
@@ -72,10 +73,7 @@ class ContactPoints:
         Arguments:
             axes: the axes to draw on; new ones by default.
         """
-        if axes is None:
-            from matplotlib import pyplot as plt
-
-            axes = plt.figure(layout="constrained").add_subplot()
+        axes = axes_or_new(axes)
         curve = self.curve.readable
         approach = curve.approach
         assert approach is not None

@@ -10,7 +10,7 @@ from scipy.optimize import OptimizeResult
 from jaxstab.lab import dugdale
 from jaxstab.lab.curve_bins import Bins
 from jaxstab.lab.curve_model import ALL, BUT_RANGE, FIRST, LAST, MECHANICS, Model
-from jaxstab.lab.tips import FlatPunch, Tip
+from jaxstab.lab.tips import FlatPunch, Tip, paraboloid_radius
 
 # An attraction is kept if the sum of squares falls by this much, in units of its scatter.
 _GAIN = 14.0
@@ -83,8 +83,7 @@ def with_adhesion(data: Bins, tip: Tip | FlatPunch) -> Fitted:
     # The curvature of the tip where it takes as much force as the attraction.
     branch = dugdale.without_adhesion(tip, modulus, float(np.ptp(data.tips)), 0.0)
     depth = np.interp(attraction, branch.force, branch.indentation)
-    radii = np.geomspace(1e-12, min(1.0, 0.99 * tip.largest_radius), 600)
-    radius = np.interp(depth, tip.penetration(radii), radii) ** 2 / depth
+    radius = paraboloid_radius(tip, depth)
     work = attraction / (_PULL_OFF * np.pi * radius)
     length = (work / modulus) ** (2 / 3) * radius ** (1 / 3)
     lowest = max(_RANGES[0] * length, _ATOM)

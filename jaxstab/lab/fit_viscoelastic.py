@@ -16,10 +16,11 @@ import jaxstab as js
 from jaxstab.lab import dugdale
 from jaxstab.lab.curve_model import inverse
 from jaxstab.lab.curve_search import correlated_variance
+from jaxstab.lab.figures import axes_or_new
 from jaxstab.lab.fit import write_table
 from jaxstab.lab.fit_curve import fit_curve
 from jaxstab.lab.force_curves.correction import clocks_of
-from jaxstab.lab.tips import ElasticTip, Tip
+from jaxstab.lab.tips import ElasticTip, Tip, paraboloid_radius
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -157,10 +158,7 @@ class ViscoelasticFit:
         Arguments:
             axes: the axes to draw on; new ones by default.
         """
-        if axes is None:
-            from matplotlib import pyplot as plt
-
-            axes = plt.figure(layout="constrained").add_subplot()
+        axes = axes_or_new(axes)
         by, unit = js.units.prefixed(float(np.max(np.abs(self.measured))), "N")
         axes.plot(self.times, self.measured / by, ".", color="0.6", label="measured")
         axes.plot(self.times, self.forces / by, color="black", linewidth=1, label="fit")
@@ -235,7 +233,7 @@ def fit_viscoelastic(
     if sticky.work_of_adhesion > 0:
         # Ranges of Dugdale's and of the exponential law are alike in the pressure that they make.
         shortest = _SHORTEST * sticky.work_of_adhesion ** (2 / 3)
-        shortest *= tip_radius(tip, history.depth) ** (1 / 3)
+        shortest *= paraboloid_radius(tip, history.depth) ** (1 / 3)
         shortest /= (elastic.youngs_modulus / (1 - poisson_ratio**2)) ** (2 / 3)
         start += [
             np.log(sticky.work_of_adhesion),
@@ -257,12 +255,6 @@ def fit_viscoelastic(
     if not np.isclose(float(again.rings.radius), float(model.rings.radius), rtol=_MOVED):
         model, found = again, again.fit(found.x, _LAST)
     return _finished(elastic.curve, model, found)
-
-
-def tip_radius(tip: Tip, depth: float) -> float:
-    """Return the radius of the paraboloid that has a tip's contact at a depth [m]."""
-    radii = np.geomspace(1e-12, min(1.0, 0.99 * tip.largest_radius), 600)
-    return float(np.interp(depth, tip.penetration(radii), radii)) ** 2 / depth
 
 
 class _History(NamedTuple):

@@ -12,6 +12,7 @@ import numpy as np
 
 import jaxstab as js
 from jaxstab.lab import dugdale
+from jaxstab.lab.figures import axes_or_new
 from jaxstab.lab.fit import ForceCurveFit, own_units, write_table
 from jaxstab.lab.fit_curve import fit_curve
 from jaxstab.lab.fit_each import Fits, fit_each
@@ -64,10 +65,7 @@ class ModulusOverDepth:
         Arguments:
             axes: the axes to draw on; new ones by default.
         """
-        if axes is None:
-            from matplotlib import pyplot as plt
-
-            axes = plt.figure(layout="constrained").add_subplot()
+        axes = axes_or_new(axes)
         curve = self.parts.curves[0].readable
         depths = self.depths * own_units(curve)[0]
         by, unit = js.units.prefixed(float(np.nanmax(self.youngs_moduli)), "Pa")

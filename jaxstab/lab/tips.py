@@ -46,8 +46,22 @@ class Tip(ABC):
         return np.inf
 
 
+class _Parabolic(Tip):
+    """A tip f = r^2 / (2 R) of the radius R at its apex, with D = a^2 / R."""
+
+    radius: float
+
+    def shape(self, radii: np.ndarray) -> np.ndarray:
+        """Return f(r) [m]."""
+        return radii**2 / (2 * self.radius)
+
+    def penetration(self, radii: np.ndarray) -> np.ndarray:
+        """Return D(a) [m]."""
+        return radii**2 / self.radius
+
+
 @dataclass(frozen=True)
-class Paraboloid(Tip):
+class Paraboloid(_Parabolic):
     """A paraboloid f = r^2 / (2 R), with D = a^2 / R: Hertz' sphere.
 
     Arguments:
@@ -67,17 +81,9 @@ class Paraboloid(Tip):
     def __post_init__(self) -> None:
         _require_radius(self.radius)
 
-    def shape(self, radii: np.ndarray) -> np.ndarray:
-        """Return f(r) [m]."""
-        return radii**2 / (2 * self.radius)
-
-    def penetration(self, radii: np.ndarray) -> np.ndarray:
-        """Return D(a) [m]."""
-        return radii**2 / self.radius
-
 
 @dataclass(frozen=True)
-class TwoSpheres(Tip):
+class TwoSpheres(_Parabolic):
     """Two spheres, of the tip and of the sample: a paraboloid of 1 / R = 1 / R_tip + 1 / R_sample.
 
     The sample is held where it does not deform, as a sphere that is glued or half embedded. The
@@ -104,17 +110,9 @@ class TwoSpheres(Tip):
             _require_radius(self.tip_radius)
 
     @property
-    def radius(self) -> float:
+    def radius(self) -> float:  # pyright: ignore[reportIncompatibleVariableOverride]
         """The radius R of the paraboloid [m]."""
         return 1 / (1 / self.tip_radius + 1 / self.sample_radius)
-
-    def shape(self, radii: np.ndarray) -> np.ndarray:
-        """Return the distance of the undeformed surfaces [m]."""
-        return radii**2 / (2 * self.radius)
-
-    def penetration(self, radii: np.ndarray) -> np.ndarray:
-        """Return D(a) [m]."""
-        return radii**2 / self.radius
 
 
 @dataclass(frozen=True)
@@ -337,6 +335,12 @@ class FlatPunch:
 
     def __post_init__(self) -> None:
         _require_radius(self.radius)
+
+
+def paraboloid_radius(tip: Tip, depth: float) -> float:
+    """Return the radius of the paraboloid that has a tip's contact at a depth [m]."""
+    radii = np.geomspace(1e-12, min(1.0, 0.99 * tip.largest_radius), 600)
+    return float(np.interp(depth, tip.penetration(radii), radii)) ** 2 / depth
 
 
 def _require_radius(radius: float) -> None:
