@@ -167,9 +167,7 @@ class Contact(eqx.Module):
         require_no_jump(jump)
         # In a trace no error can be raised: results say so.
         self.heights = possible(self.heights, jump.is_absent)
-        self.hardness = hardness_on(solid, self.potential, hardness, dtype)
-        if self.hardness is not None:
-            self.heights = possible(self.heights, jnp.all(self.hardness > 0))
+        self.hardness = hardness_on(solid, self.heights, self.potential, hardness)
 
     @property
     def has_core(self) -> Flag | bool:
@@ -239,8 +237,11 @@ class Contact(eqx.Module):
 
     @property
     def is_valid(self) -> Flag:
-        """Whether heights are finite and the solid is a possible one, also where traced."""
-        return jnp.all(jnp.isfinite(self.heights)) & self.solid.is_valid
+        """Whether heights are finite, and solid and hardness possible ones, also where traced."""
+        is_valid = jnp.all(jnp.isfinite(self.heights)) & self.solid.is_valid
+        if self.hardness is None:
+            return is_valid
+        return is_valid & jnp.all(self.hardness > 0)
 
     @property
     def characteristic_pressure(self) -> Scalar:
@@ -337,10 +338,10 @@ class Contact(eqx.Module):
             return gap
         return model.open_part(gap)
 
-    def shut(self, gap: Field) -> Field:
+    def shut(self, gap: Field) -> Field | int:
         """Return the gap of points in contact: zero, or less where a signed gap is [length]."""
         if self.hardness is None:
-            return jnp.zeros_like(gap)
+            return 0
         return jnp.minimum(gap, 0)
 
     def curvature(self, gap: Field) -> Field:

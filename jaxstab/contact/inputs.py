@@ -24,7 +24,7 @@ from jaxstab.core.checks import (
 from jaxstab.core.compile import program
 from jaxstab.core.display import text
 from jaxstab.core.grid import Grid
-from jaxstab.core.types import ArrayLike
+from jaxstab.core.types import ArrayLike, Field, Flag, Scalar
 from jaxstab.core.units import unit_of
 from jaxstab.potentials.evaluation import as_module, slope
 from jaxstab.potentials.varying import Potential, varying_fields, with_fields
@@ -103,7 +103,7 @@ def require_sound(
 
 
 def hardness_on(
-    solid: Solid, potential: Potential, hardness: ArrayLike | None, dtype: DTypeLike
+    solid: Solid, heights: Field, potential: Potential, hardness: ArrayLike | None
 ) -> Array | None:
     """Return the hardness of a surface as an array, checked; None if it is infinite everywhere.
 
@@ -117,7 +117,7 @@ def hardness_on(
             "The solid is Viscoelastic and has a hardness: no indentation is computed in time. "
             "Leave out `hardness`, or give the elastic solid `solid.relaxed`."
         )
-    given = cast(parameter(hardness, "The hardness"), dtype)
+    given = cast(parameter(hardness, "The hardness"), heights.dtype)
     if given.ndim:
         require_shape("The hardness", given.shape, grid.shape, "give one number for each point.")
         given = grid.device_put(given)
@@ -125,10 +125,9 @@ def hardness_on(
     require("The hardness", known, known > 0, "it must be positive.")
     if not is_traced(given) and np.all(known == np.inf):
         return None
-    repulsion = _repulsion(potential, jnp.zeros(grid.shape, dtype))
-    is_enough = _allows_contact(given, repulsion)
-    if not is_traced(is_enough) and not np.all(concrete(is_enough)):
-        largest = np.max(concrete(repulsion))
+    largest, is_enough = _repulsion(potential, heights, given)
+    if not is_traced(is_enough) and not concrete(is_enough):
+        largest = float(largest)
         how_much = f"by {largest:.3g}" if np.isfinite(largest) else "without bound"
         raise ValueError(
             f"The hardness is {text(given)}, but at zero gap the law repels {how_much}, so that it "
@@ -139,14 +138,10 @@ def hardness_on(
 
 
 @program
-def _repulsion(potential: Potential, nothing: Array) -> Array:
-    """Return -f'(0) at every point [pressure]."""
-    return -slope(potential, nothing)
-
-
-@program
-def _allows_contact(hardness: Array, repulsion: Array) -> Array:
-    return jnp.all((hardness > 0) & (hardness > repulsion))
+def _repulsion(potential: Potential, heights: Field, hardness: Array) -> tuple[Scalar, Flag]:
+    """Return the largest -f'(0) [pressure], and whether the hardness is positive and above it."""
+    repulsion = -slope(potential, jnp.zeros_like(heights))
+    return jnp.max(repulsion), jnp.all((hardness > 0) & (hardness > repulsion))
 
 
 def law_on(grid: Grid, potential: Potential, dtype: DTypeLike) -> Potential:

@@ -11,11 +11,11 @@ from jaxstab.contact.energy import characteristic_energy
 from jaxstab.core.accuracy import rounding_of_numbers
 from jaxstab.core.compile import program
 from jaxstab.core.control_flow import by_entries
-from jaxstab.core.grid import mean
 from jaxstab.core.types import ArrayLike, Field, Scalar
 from jaxstab.equilibrium import Equilibrium, PreconditionedConjugateGradient
 from jaxstab.equilibrium.equilibrate import find
 from jaxstab.equilibrium.solvers.conjugate_gradients import MAX_MOVE_IN_JUMP
+from jaxstab.loading.event import load_before
 from jaxstab.loads import Load
 from jaxstab.states.point import PathPoint
 
@@ -111,7 +111,7 @@ class LoadPath(eqx.Module):
             before = self._supply(contact, load, here.signed_gap) + here.plastic_work
             contact = contact.after(here)
             heights = contact.heights
-            load = load.after_indentation(mean(here.indentation))
+            load = load_before(load, here)
             least_potential += self._supply(contact, load, here.gap) - before
         dtype = gap.dtype
         # Contact points stay where they are.
