@@ -286,7 +286,7 @@ class Contact(eqx.Module):
     def with_indentation(self, depth: Field) -> "Contact":
         """Return the contact over a surface that lies lower by a depth [length]."""
         require_shape("The indentation", depth.shape, self.grid.shape, "give one of its states.")
-        return eqx.tree_at(lambda c: c.heights, self, _lowered(self.heights, depth))
+        return eqx.tree_at(lambda c: c.heights, self, _lowered_heights(self.heights, depth))
 
     @property
     def elastic(self) -> "Contact":
@@ -388,7 +388,7 @@ class Contact(eqx.Module):
 
 
 @program
-def _lowered(heights: Field, indentation: Field) -> Field:
+def _lowered_heights(heights: Field, indentation: Field) -> Field:
     return heights - indentation
 
 

@@ -118,7 +118,7 @@ class Equilibrium(PressedSurface):
         """The gap where the surfaces are apart, less the indentation where they yield [length]."""
         if self.indentation is None:
             return self.gap
-        return _signed(self.gap, self.indentation)
+        return _signed_gap(self.gap, self.indentation)
 
     @property
     def is_yielding(self) -> Mask | None:
@@ -150,7 +150,7 @@ class Equilibrium(PressedSurface):
 
 
 @program
-def _signed(gap: Field, indentation: Field) -> Field:
+def _signed_gap(gap: Field, indentation: Field) -> Field:
     return gap - indentation
 
 

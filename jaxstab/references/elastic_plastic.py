@@ -222,13 +222,13 @@ def area_fractions(
     k = np.arange(int(np.ceil(np.max(3 * root / hardness))) + 2)
     k = k.reshape(-1, *[1] * pressure.ndim)
 
-    def absorbed(near: Array, far: Array) -> Array:
+    def absorbed_share(near: Array, far: Array) -> Array:
         return np.sum(erfc((2 * k * hardness + near) / root), 0) - np.sum(
             erfc((2 * k * hardness + far) / root), 0
         )
 
-    yielding = absorbed(hardness - pressure, hardness + pressure)
-    is_open = absorbed(pressure, 2 * hardness - pressure)
+    yielding = absorbed_share(hardness - pressure, hardness + pressure)
+    is_open = absorbed_share(pressure, 2 * hardness - pressure)
     return AreaFractions(1 - yielding - is_open, yielding)
 
 

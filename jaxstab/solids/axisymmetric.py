@@ -97,23 +97,23 @@ class Modes(Solid):
     def apply(self, displacement: Field) -> Field:
         """Return K u, of a displacement relative to the far side [pressure]."""
         level = self.uniform * mean(displacement, self.profile)
-        return self._filtered(self.stiffnesses, displacement) + level * self.profile
+        return self._weigh_modes(self.stiffnesses, displacement) + level * self.profile
 
     def displacement(self, pressure: Field) -> Field:
         """Return the displacement under a pressure, relative to the far side [length]."""
         level = mean(pressure)
         compliances = jnp.where(self.stiffnesses > 0, 1 / _nonzero(self.stiffnesses), 0)
-        shape = self._filtered(compliances, pressure - level * self.profile)
+        shape = self._weigh_modes(compliances, pressure - level * self.profile)
         return shape + (level / self.uniform - mean(shape, self.profile))
 
     def precondition(self, shift: Scalar) -> FieldMap:
         """Return the inverse of K + shift, of its second part by Sherman and Morrison's formula."""
         inverse = 1 / (self.stiffnesses + shift)
-        response = self._filtered(inverse, self.profile)
+        response = self._weigh_modes(inverse, self.profile)
         softening = self.uniform / (1 + self.uniform * mean(response, self.profile))
 
         def apply(field: Field) -> Field:
-            moved = self._filtered(inverse, field)
+            moved = self._weigh_modes(inverse, field)
             return moved - softening * mean(field, response) * response
 
         return apply
@@ -131,7 +131,7 @@ class Modes(Solid):
         )
 
     @own_conventions()
-    def _filtered(self, weights: Float[Array, " rings"], field: Field) -> Field:
+    def _weigh_modes(self, weights: Float[Array, " rings"], field: Field) -> Field:
         return self.vectors @ (weights.astype(field.dtype) * (field @ self.vectors))
 
 
@@ -328,7 +328,7 @@ class Axisymmetric(AxisymmetricSolid):
     @program
     def modes(self) -> Modes:
         """This solid by the eigenvectors of its stiffness."""
-        return Modes(grid=self.grid, **_decomposed(self.stiffness_of_order(0), jnp))
+        return Modes(grid=self.grid, **_mode_parts(self.stiffness_of_order(0), jnp))
 
     def stiffness_of_order(self, order: int) -> Matrix:
         """Return the stiffness matrix of displacements cos(m theta) [pressure/length]."""
@@ -359,7 +359,7 @@ def _scaled_modes(rings: Rings, modulus: Scalar, of_unit_disc: dict[str, Any]) -
     return Modes(grid=rings, **parts).scaled(factor)
 
 
-def _decomposed(stiffness: Matrix, xp: ModuleType) -> dict[str, Any]:
+def _mode_parts(stiffness: Matrix, xp: ModuleType) -> dict[str, Any]:
     """Return the parts of the `Modes` of a stiffness matrix."""
     number = len(stiffness)
     under_punch = xp.sum(stiffness, axis=0)
@@ -380,7 +380,7 @@ def _decomposed(stiffness: Matrix, xp: ModuleType) -> dict[str, Any]:
 @lru_cache(maxsize=8)
 def _modes_of_unit_disc(number: int) -> dict[str, Any]:
     """Return the parts of the modes of a half space with E* = 1 on a disc of unit radius."""
-    return _decomposed(np.linalg.inv(_compliance_of_unit_disc(number)), np)
+    return _mode_parts(np.linalg.inv(_compliance_of_unit_disc(number)), np)
 
 
 @lru_cache(maxsize=16)

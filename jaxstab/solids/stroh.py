@@ -75,10 +75,10 @@ def adjoint(matrix: Compliance) -> Compliance:
 def inverse(matrix: Array) -> Array:
     """Return the inverse of 3 x 3 matrices, by cofactors."""
 
-    def turned(rows: int, columns: int) -> Array:
+    def roll(rows: int, columns: int) -> Array:
         return jnp.roll(matrix, (-rows, -columns), (0, 1))
 
-    cofactors = turned(1, 1) * turned(2, 2) - turned(1, 2) * turned(2, 1)
+    cofactors = roll(1, 1) * roll(2, 2) - roll(1, 2) * roll(2, 1)
     determinant = jnp.sum(matrix[0] * cofactors[0], axis=0)
     return jnp.swapaxes(cofactors, 0, 1) / determinant
 
@@ -121,10 +121,10 @@ def layer_faces(material: StrohMatrices, thickness: Float[Array, "*modes"]) -> F
         _hermitian(product(across, backward)),
         _hermitian(product(backward, stiffness)),
     )
-    return jax.lax.fori_loop(0, _NUM_DOUBLINGS, lambda _, layer: _doubled(layer), thin)
+    return jax.lax.fori_loop(0, _NUM_DOUBLINGS, lambda _, layer: _double_layer(layer), thin)
 
 
-def _doubled(layer: Faces) -> Faces:
+def _double_layer(layer: Faces) -> Faces:
     """Return the faces of a layer twice as thick."""
     change, g, h = layer
     one = _identity(change)

@@ -3,11 +3,20 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 
 import jax.numpy as jnp
 
 from jaxstab.contact import Contact
-from jaxstab.core.checks import numbers, require, require_finite, require_shape, scalar_parameter
+from jaxstab.core.checks import (
+    concrete,
+    numbers,
+    require,
+    require_finite,
+    require_shape,
+    scalar_parameter,
+)
+from jaxstab.core.compile import program
 from jaxstab.core.results import RESULTS, throw_failure
 from jaxstab.core.types import ArrayLike, Field, Scalar
 from jaxstab.equilibrium import Equilibrium, EquilibriumSolver, equilibrate
@@ -63,26 +72,41 @@ def relax_along(
     require_shape("The mode", x.shape, contact.grid.shape, "give one on the contact's grid.")
     x = contact.grid.device_put(x)
     require_finite("The mode", x)
-    largest = jnp.max(jnp.abs(x))
-    cure = "it moves no point; give a direction to move in."
-    require("The largest component of the mode", largest, largest > 0, cure)
-    if amplitude is None:
-        t = amplitude_of(equilibrium.gap, x)
-    else:
+    t = None
+    if amplitude is not None:
         t = scalar_parameter(amplitude, "The amplitude")
-    require("The amplitude", t, jnp.isfinite(t), "it must be finite.")
-    start = equilibrium.gap + t * x
-    if contact.hardness is None:
-        start = jnp.maximum(start, 0)
+        require_finite("The amplitude", t)
+    start, largest = _displaced_gap(contact.hardness is None, equilibrium.gap, x, t)
+    cure = "it moves no point; give a direction to move in."
+    largest = concrete(largest)
+    require("The largest component of the mode", largest, largest > 0, cure)
     state = verify(contact, equilibrium)
     start = throw_failure(state, start, lambda: "There is nothing to relax", throw)
     left, at_rest = as_left(contact, equilibrium)
     released = equilibrate(left, at_rest.load, solver, initial=start, throw=throw)
-    result = RESULTS.where(state == RESULTS.successful, released.result, state)
+    result = _first_failure(state, released.result)
     released = replace(released, result=result, load=equilibrium.load)
     if contact.hardness is None:
         return released
     return indented_by(released, equilibrium)
+
+
+@partial(program, static_argnums=0)
+def _displaced_gap(
+    is_elastic: bool, gap: Field, mode: Field, amplitude: Scalar | None
+) -> tuple[Field, Scalar]:
+    """Return the gap after a push along a mode, and the mode's largest component."""
+    if amplitude is None:
+        amplitude = amplitude_of(gap, mode)
+    start = gap + amplitude * mode
+    if is_elastic:
+        start = jnp.maximum(start, 0)
+    return start, jnp.max(jnp.abs(mode))
+
+
+@program
+def _first_failure(before: RESULTS, after: RESULTS) -> RESULTS:
+    return RESULTS.where(before == RESULTS.successful, after, before)
 
 
 def amplitude_of(gap: Field, mode: Field, share: float = 1e-3) -> Scalar:

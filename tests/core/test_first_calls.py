@@ -14,6 +14,7 @@ OWN = {"area", "cell_area", "spacing"}
 # Numbers of points of their own, for which nothing has been compiled before.
 LINE, SQUARE, OTHER = js.Grid((26,), (1.0,)), js.Grid(18), js.Grid(14)
 WAVE = np.cos(2 * np.pi * np.arange(18) / 18)
+WAVE_OF_LINE = np.cos(2 * np.pi * np.arange(26) / 26)
 LAW = js.potentials.Exponential(0.02, 0.1)
 TIMES = np.array([0.0, 1.0])
 # The most programs of a call, what is computed before it, and the call.
@@ -32,6 +33,7 @@ SLOW = {
     "continuation": (23, "line", lambda known: js.continuation(known[0], LOAD)),
     "follow": (15, "line", lambda known: js.follow(known[0], LOAD)),
     "pull_off": (38, "line", lambda known: js.pull_off(known[0])),
+    "relax_along": (11, "line", lambda known: js.relax_along(*known, WAVE_OF_LINE, amplitude=1e-4)),
     "easiest_exit": (24, "line", lambda known: js.easiest_exit(*known, throw=False)),
     "observe": (8, "path", lambda known: js.observe(*known, js.patches)),
     "evolve": (11, "viscous", lambda known: js.evolve(known[0], LOAD, TIMES)),
@@ -52,7 +54,7 @@ def known_before(name):
     solid = js.HalfSpace(LINE, 1.0)
     if name == "viscous":
         solid = js.Viscoelastic(solid, np.array([1.0]), np.array([1.0]))
-    contact = js.Contact(solid, np.cos(2 * np.pi * np.arange(26) / 26) / 10, LAW)
+    contact = js.Contact(solid, WAVE_OF_LINE / 10, LAW)
     if name == "line":
         return contact, js.equilibrate(contact, LOAD[1])
     if name == "path":

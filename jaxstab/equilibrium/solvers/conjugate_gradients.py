@@ -151,7 +151,7 @@ class _Prepared(Problem):
 
     solid: Solid
     precondition: Callable[[Field, Field], Field]
-    shortened: Callable[..., Array]
+    shorten_step: Callable[..., Array]
 
     def energy(self, balance: Balance) -> Scalar:
         """Return the energy of a state and of the load, summed over the points."""
@@ -182,7 +182,7 @@ def _begin_search(problem: _Prepared, state: _DescentState) -> _LineSearch:
     is_convex = curvature > 0
     # To the preconditioner, which knows no negative curvature, the length is 1.
     length = jnp.where(is_convex, descent / _nonzero(curvature), state.reach)
-    length = problem.shortened(length, state.gap, direction)
+    length = problem.shorten_step(length, state.gap, direction)
     return _LineSearch(direction, force, force_norm, is_convex, length, jnp.array(0))
 
 
@@ -289,16 +289,16 @@ def _shortening(contact: Contact, max_move: Scalar) -> Callable[..., Array]:
     """Return the map from the length of a step, a gap and a direction to one that is allowed."""
     law_range = contact.profile.range
 
-    def shortened(length: Scalar, gap: Field, direction: Field) -> Scalar:
+    def shorten_step(length: Scalar, gap: Field, direction: Field) -> Scalar:
         moves = direction != 0
         rooms = (law_range + contact.open_gap(gap)) / jnp.where(moves, jnp.abs(direction), 1)
         room = max_move.astype(length.dtype) * jnp.min(jnp.where(moves, rooms, jnp.inf))
         return jnp.minimum(length, room)
 
-    def unchanged(length: Scalar, *_: Field) -> Scalar:
+    def keep_step(length: Scalar, *_: Field) -> Scalar:
         return length
 
-    return partial(either, jnp.isfinite(max_move), shortened, unchanged)
+    return partial(either, jnp.isfinite(max_move), shorten_step, keep_step)
 
 
 def _nonzero(value: Scalar) -> Scalar:

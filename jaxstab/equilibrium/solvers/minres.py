@@ -40,12 +40,12 @@ def minres(system: LinearSystem, right_side: Field, accuracy: float, max_steps: 
         max_steps: the step limit.
     """
 
-    def preconditioned(vector: Field) -> tuple[Field, Scalar]:
+    def precondition(vector: Field) -> tuple[Field, Scalar]:
         image = system.project(system.precondition(vector))
         return image, jnp.sqrt(jnp.maximum(total(image * vector), 0))
 
     b = system.project(right_side)
-    image, size = preconditioned(b)
+    image, size = precondition(b)
 
     def goes_on(state: _Lanczos) -> Flag:
         return (jnp.abs(state.residual) > accuracy * size) & (state.num_steps < max_steps)
@@ -59,7 +59,7 @@ def minres(system: LinearSystem, right_side: Field, accuracy: float, max_steps: 
         product = system.project(system.operator(unit))
         diagonal = total(product * unit)
         vector = product - diagonal / norm * last - norm / norm_before * before
-        image, new_norm = preconditioned(vector)
+        image, new_norm = precondition(vector)
         # The new column of the tridiagonal matrix, rotated into a triangle.
         pivot = cosine * diagonal - cosine_before * sine * norm
         above = sine * diagonal + cosine_before * cosine * norm

@@ -150,7 +150,7 @@ class Davidson(SpaceSolver):
         empty = _RitzState(span, jnp.zeros(len(start), start.dtype), none, jnp.array(True))
 
         def elsewhere(state: _RitzState) -> _RitzState:
-            return self._widened(problem, state, len(start), is_empty=True)
+            return self._widen_span(problem, state, len(start), is_empty=True)
 
         return on_platform(lambda state: state, elsewhere, empty)
 
@@ -159,14 +159,14 @@ class Davidson(SpaceSolver):
 
         def on_cpu(state: _RitzState) -> _RitzState:
             number = jnp.where(state.is_empty, len(problem.starts), _NUM_RESIDUALS)
-            return self._widened(problem, state, number, state.is_empty)
+            return self._widen_span(problem, state, number, state.is_empty)
 
         def elsewhere(state: _RitzState) -> _RitzState:
-            return self._widened(problem, state, _NUM_RESIDUALS, is_empty=False)
+            return self._widen_span(problem, state, _NUM_RESIDUALS, is_empty=False)
 
         return on_platform(on_cpu, elsewhere, state)
 
-    def _widened(
+    def _widen_span(
         self,
         problem: ModesProblem,
         state: _RitzState,
