@@ -198,7 +198,7 @@ class _Trial(NamedTuple):
     error: float
 
 
-class _Limit(NamedTuple):
+class _RangeLimit(NamedTuple):
     """A value at the range asked for, its error, and the power that leads there."""
 
     value: float
@@ -212,12 +212,12 @@ def _extrapolation(
     errors: np.ndarray,
     target: float,
     trials: Sequence[_Trial] = (),
-) -> _Limit:
+) -> _RangeLimit:
     """Return the value at a target, by a power that goes on changing as from range to range."""
     spread = np.ptp(values)
     if spread <= errors[0]:
         # The range has less effect than the grid.
-        return _Limit(values[np.argmin(errors)], spread + errors[0], np.nan)
+        return _RangeLimit(values[np.argmin(errors)], spread + errors[0], np.nan)
     value, power, change = _by_power(lengths, values, target)
     # Edges that are pinned make a pull-off larger.
     try:
@@ -236,7 +236,7 @@ def _extrapolation(
             f"{100 * _LARGEST_ERROR:.0f} % of the first: use a finer grid, or ask for a range "
             "nearer to the shortest."
         )
-    return _Limit(value, error, power)
+    return _RangeLimit(value, error, power)
 
 
 def _by_power(lengths: np.ndarray, values: np.ndarray, target: float) -> tuple[float, float, float]:

@@ -58,11 +58,11 @@ class ContactPoints:
 
         It is NaN if fewer than two methods find a point.
         """
-        found = np.array([*self._found.values()])
+        found = np.array([*self._finite_points.values()])
         return float(np.std(found, ddof=1)) if found.size > 1 else np.nan
 
     @property
-    def _found(self) -> dict[str, float]:
+    def _finite_points(self) -> dict[str, float]:
         return {name: point for name, point in self.points.items() if np.isfinite(point)}
 
     def plot(self, axes: Axes | None = None) -> Axes:
@@ -82,7 +82,7 @@ class ContactPoints:
         axes.plot(tips, forces, ".", color="0.7", markersize=3)
         axes.set_xlabel(f"tip position [{curve.unit}]")
         axes.set_ylabel(f"force [{curve.force_unit}]")
-        found = {name: x * length for name, x in self._found.items()}
+        found = {name: x * length for name, x in self._finite_points.items()}
         if not found:
             axes.set_title("no contact point found")
             return axes

@@ -22,7 +22,7 @@ _BLOCKS, _ATTRACTION = (1, 4, 16, 64), 4.0
 _FEWEST_BLOCKS = 8
 
 
-class Jump(NamedTuple):
+class TipJump(NamedTuple):
     """A jump into contact or out of it.
 
     Attributes:
@@ -40,7 +40,7 @@ class Jump(NamedTuple):
     @classmethod
     def of(
         cls, height: np.ndarray, force: np.ndarray, clock: np.ndarray, is_jump: np.ndarray
-    ) -> Jump | None:
+    ) -> TipJump | None:
         """Return the largest jump to attraction, seen from the far end.
 
         Arguments:
@@ -90,7 +90,7 @@ class Bins(NamedTuple):
     errors: np.ndarray
     is_near: np.ndarray
     has_jump: np.ndarray
-    jump: Jump | None
+    jump: TipJump | None
     noise: float
     stiffness: float
     is_approach: bool
@@ -158,7 +158,7 @@ class Bins(NamedTuple):
             np.sqrt(variance),
             places >= _FAR,
             jumps > 0,
-            Jump.of(height, force, clock, is_jump & (np.arange(count) >= far)),
+            TipJump.of(height, force, clock, is_jump & (np.arange(count) >= far)),
             noise,
             curve.spring_constant,
             name == "approach",

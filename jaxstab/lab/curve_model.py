@@ -30,7 +30,7 @@ _NARROWEST = 1e-5
 ALL, BUT_RANGE, MECHANICS = slice(None), slice(-1), slice(2)
 
 
-class Model:
+class CurveModel:
     """Forces over heights as a function of numbers, of the order of one.
 
     The numbers are ln E*, contact point, baseline, tilt, drift, and with adhesion ln w and, but for
@@ -67,7 +67,7 @@ class Model:
         """Return the derivatives of the values by the numbers in their units."""
         return np.where(self.is_logarithm, self.values(x), 1.0)
 
-    def with_scatter(self, scatter: np.ndarray) -> Model:
+    def with_scatter(self, scatter: np.ndarray) -> CurveModel:
         """Return the model with other variances of bins, over the variances by white noise."""
         other = copy(self)
         other.scatter = scatter
@@ -78,7 +78,7 @@ class Model:
         """The errors of bins [N]."""
         return self.data.errors * np.sqrt(self.scatter)
 
-    def branch(self, numbers: np.ndarray) -> dugdale.Branch:
+    def branch(self, numbers: np.ndarray) -> dugdale.TipEquilibria:
         """Return the equilibria at numbers in their units."""
         modulus, contact = np.exp(numbers[0]), numbers[1]
         data = self.data
@@ -129,9 +129,11 @@ class Model:
         tells a search nothing: its height is compared itself.
         """
         numbers = x * self.units
-        return self._compared(numbers, *self._path(numbers))
+        return self._residuals_on_path(numbers, *self._path(numbers))
 
-    def _compared(self, numbers: np.ndarray, path: np.ndarray, force: np.ndarray) -> np.ndarray:
+    def _residuals_on_path(
+        self, numbers: np.ndarray, path: np.ndarray, force: np.ndarray
+    ) -> np.ndarray:
         data = self.data
         found = self._on_path(numbers, path, force, data.heights, data.widths, data.clocks)
         residuals = np.append((found - data.forces) / self.errors, numbers[4] / self.units[4])
@@ -153,12 +155,14 @@ class Model:
         data = self.data
         numbers = x * self.units
         path, force = self._path(numbers)
-        start = self._compared(numbers, path, force)
+        start = self._residuals_on_path(numbers, path, force)
         columns = np.zeros((len(start), self.count))
         bins = slice(len(data.forces))
         # The contact point moves the path, the drift by the part that has passed of the time.
         shift = _DIFFERENCE * self.units[1]
-        columns[:, 1] = (self._compared(numbers, path + shift, force) - start) / _DIFFERENCE
+        columns[:, 1] = (
+            self._residuals_on_path(numbers, path + shift, force) - start
+        ) / _DIFFERENCE
         columns[bins, 2] = self.units[2] / self.errors
         columns[bins, 3] = self.units[3] * (data.heights - data.heights.mean()) / self.errors
         clocks = np.append(data.clocks, [0.0, data.jump.clock if data.jump else 0.0])

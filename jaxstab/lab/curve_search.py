@@ -9,7 +9,7 @@ from scipy.optimize import OptimizeResult
 
 from jaxstab.lab import dugdale
 from jaxstab.lab.curve_bins import Bins
-from jaxstab.lab.curve_model import ALL, BUT_RANGE, FIRST, LAST, MECHANICS, Model
+from jaxstab.lab.curve_model import ALL, BUT_RANGE, FIRST, LAST, MECHANICS, CurveModel
 from jaxstab.lab.tips import FlatPunch, Tip, paraboloid_radius
 
 # An attraction is kept if the sum of squares falls by this much, in units of its scatter.
@@ -41,7 +41,7 @@ _WORK = 5
 _WEIGHINGS = 2
 
 
-class Fitted(NamedTuple):
+class BestFit(NamedTuple):
     """A fit of the numbers of a model.
 
     Attributes:
@@ -50,28 +50,28 @@ class Fitted(NamedTuple):
         errors: of the numbers in SI units, not of logarithms.
     """
 
-    model: Model
+    model: CurveModel
     found: OptimizeResult
     errors: np.ndarray
 
     @classmethod
-    def straight(cls, model: Model, found: OptimizeResult) -> Fitted:
+    def straight(cls, model: CurveModel, found: OptimizeResult) -> BestFit:
         """Return the fit with the errors of a model that is straight near it."""
         errors = np.sqrt(model.variances(found.x)) * model.units
         return cls(model, found, errors * model.slopes(found.x))
 
 
-def without_adhesion(data: Bins, tip: Tip | FlatPunch) -> Fitted:
+def without_adhesion(data: Bins, tip: Tip | FlatPunch) -> BestFit:
     """Return the fit without adhesion, with the errors of bins that it shows."""
-    model = Model(data, tip, False)
+    model = CurveModel(data, tip, False)
     modulus, contact = _start(data, tip, 0.0)
     start = np.array([np.log(modulus), contact, 0.0, 0.0, 0.0]) / model.units
-    return Fitted.straight(*_weighted(model, model.fit(start, MECHANICS, LAST)))
+    return BestFit.straight(*_reweighted_fit(model, model.fit(start, MECHANICS, LAST)))
 
 
-def with_adhesion(data: Bins, tip: Tip | FlatPunch) -> Fitted:
+def with_adhesion(data: Bins, tip: Tip | FlatPunch) -> BestFit:
     """Return the best of the fits at all ranges, with the errors that these show."""
-    model = Model(data, tip, True)
+    model = CurveModel(data, tip, True)
     # It may lie between two points.
     attraction = max(-float(data.forces[data.is_near].min()), data.noise)
     modulus, contact = _start(data, tip, attraction)
@@ -79,7 +79,7 @@ def with_adhesion(data: Bins, tip: Tip | FlatPunch) -> Fitted:
     if isinstance(tip, FlatPunch):
         work = attraction**2 / (8 * np.pi * modulus * tip.radius**3)
         start = np.array([np.log(modulus), *zeros, np.log(work)])
-        return Fitted.straight(*_weighted(model, model.fit(start / model.units, ALL, LAST)))
+        return BestFit.straight(*_reweighted_fit(model, model.fit(start / model.units, ALL, LAST)))
     # The curvature of the tip where it takes as much force as the attraction.
     branch = dugdale.without_adhesion(tip, modulus, float(np.ptp(data.tips)), 0.0)
     depth = np.interp(attraction, branch.force, branch.indentation)
@@ -96,7 +96,7 @@ def with_adhesion(data: Bins, tip: Tip | FlatPunch) -> Fitted:
     ]
     best = min(found, key=lambda one: one.cost)
     # Errors of bins would hide a fit that has not ended.
-    model, best = _weighted(model, model.fit(best.x, ALL, LAST, ranges), ranges)
+    model, best = _reweighted_fit(model, model.fit(best.x, ALL, LAST, ranges), ranges)
     profile = _profiles(model, best, lengths, ranges)
     # There may be other minima, of other works and moduli at the same range.
     profile += [
@@ -106,13 +106,13 @@ def with_adhesion(data: Bins, tip: Tip | FlatPunch) -> Fitted:
     ]
     least = min(profile, key=lambda one: one.cost)
     if least.cost < best.cost - _BETTER:
-        model, best = _weighted(model, model.fit(least.x, ALL, LAST, ranges), ranges)
+        model, best = _reweighted_fit(model, model.fit(least.x, ALL, LAST, ranges), ranges)
         minima = [model.fit(one.x, ALL, FIRST, ranges) for one in profile]
         profile = _profiles(model, best, lengths, ranges) + minima
     return _with_errors(model, best, profile, ranges)
 
 
-def better(bare: Fitted, sticky: Fitted) -> Fitted:
+def better(bare: BestFit, sticky: BestFit) -> BestFit:
     """Return the fit with adhesion if the curve needs it, otherwise the fit without.
 
     Adhesion that does not show still moves modulus and contact point, by as much as the fits
@@ -123,7 +123,7 @@ def better(bare: Fitted, sticky: Fitted) -> Fitted:
         return sticky
     moved = sticky.model.values(sticky.found.x)[: bare.model.count]
     moved = moved - bare.model.values(bare.found.x)
-    return Fitted(bare.model, bare.found, np.hypot(bare.errors, moved))
+    return BestFit(bare.model, bare.found, np.hypot(bare.errors, moved))
 
 
 def _start(data: Bins, tip: Tip | FlatPunch, attraction: float) -> tuple[float, float]:
@@ -148,9 +148,9 @@ def _start(data: Bins, tip: Tip | FlatPunch, attraction: float) -> tuple[float, 
     return best[1], best[2]
 
 
-def _weighted(
-    model: Model, found: OptimizeResult, ranges: tuple[float, float] | None = None
-) -> tuple[Model, OptimizeResult]:
+def _reweighted_fit(
+    model: CurveModel, found: OptimizeResult, ranges: tuple[float, float] | None = None
+) -> tuple[CurveModel, OptimizeResult]:
     """Return fits of all numbers with the errors of bins that the fits before show."""
     for _ in range(_WEIGHINGS):
         model = model.with_scatter(_scatter(model, found))
@@ -159,7 +159,7 @@ def _weighted(
 
 
 def _profiles(
-    model: Model, best: OptimizeResult, lengths: np.ndarray, ranges: tuple[float, float]
+    model: CurveModel, best: OptimizeResult, lengths: np.ndarray, ranges: tuple[float, float]
 ) -> list[OptimizeResult]:
     """Return the fits of all other numbers at ranges, and at works."""
     works = best.x[_WORK] + _WORKS
@@ -170,7 +170,7 @@ def _profiles(
 
 
 def _profile(
-    model: Model,
+    model: CurveModel,
     best: OptimizeResult,
     number: int,
     values: np.ndarray,
@@ -196,11 +196,11 @@ def _profile(
 
 
 def _with_errors(
-    model: Model,
+    model: CurveModel,
     best: OptimizeResult,
     profile: list[OptimizeResult],
     ranges: tuple[float, float],
-) -> Fitted:
+) -> BestFit:
     """Return a fit with its errors, by fits at other ranges and works, and from other starts.
 
     The misfit is no parabola over the range: one that is short beside the deformation hardly
@@ -241,10 +241,10 @@ def _with_errors(
         np.minimum(np.sqrt(model.variances(best.x, free)), most) * slopes
         for free in (ALL, BUT_RANGE)
     )
-    return Fitted(model, best, np.maximum(straight, np.hypot(across, np.max(along, axis=0))))
+    return BestFit(model, best, np.maximum(straight, np.hypot(across, np.max(along, axis=0))))
 
 
-def _scatter(model: Model, found: OptimizeResult) -> np.ndarray:
+def _scatter(model: CurveModel, found: OptimizeResult) -> np.ndarray:
     """Return the variance of each bin over the variance by white noise.
 
     Deviations of points from the model are taken together where no force acts, and in contact. With

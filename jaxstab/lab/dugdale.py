@@ -50,7 +50,7 @@ _NODES = (_nodes + 1) / 2
 _WEIGHTS = _weights / 2
 
 
-class Branch(NamedTuple):
+class TipEquilibria(NamedTuple):
     """Equilibria in order along their branch, from apart to deep in contact.
 
     Attributes:
@@ -64,7 +64,7 @@ class Branch(NamedTuple):
 
 def without_adhesion(
     tip: Tip | FlatPunch, modulus: float, travel: float, compliance: float
-) -> Branch:
+) -> TipEquilibria:
     """Return Sneddon's states from no contact to a travel of the far end of a spring.
 
     Arguments:
@@ -77,8 +77,8 @@ def without_adhesion(
         return _punch(tip, modulus, 0.0, travel, compliance)
     radii = _radii(tip, modulus, 0.0, travel, compliance)
     depths = tip.penetration(radii)
-    forces = 2 * modulus * _pressed(tip, radii, depths)
-    return Branch(np.append(0.0, depths), np.append(0.0, forces))
+    forces = 2 * modulus * _pressure_integral(tip, radii, depths)
+    return TipEquilibria(np.append(0.0, depths), np.append(0.0, forces))
 
 
 def with_adhesion(
@@ -88,7 +88,7 @@ def with_adhesion(
     length: float,
     travel: float,
     compliance: float,
-) -> Branch:
+) -> TipEquilibria:
     """Return all equilibria, stable or not, from where the attraction begins to a travel.
 
     Arguments:
@@ -109,24 +109,26 @@ def with_adhesion(
     widths = radii * zone
     outer = np.hypot(radii, widths)
     indentation = depths - 2 * ratio * widths
-    force = 2 * modulus * _pressed(tip, radii, depths)
+    force = 2 * modulus * _pressure_integral(tip, radii, depths)
     force -= 2 * tension * (radii * widths + outer**2 * np.arctan(zone))
     touch = _first_touch(tip, length, ratio, outer[0])
     c = touch * np.linspace(0, 1, _BEFORE)
     before = tip.shape(c) - 4 * ratio * c / np.pi - length
-    return Branch(
+    return TipEquilibria(
         np.concatenate([before, indentation]),
         np.concatenate([-np.pi * tension * c**2, force]),
     )
 
 
-def _punch(tip: FlatPunch, modulus: float, work: float, travel: float, compliance: float) -> Branch:
+def _punch(
+    tip: FlatPunch, modulus: float, work: float, travel: float, compliance: float
+) -> TipEquilibria:
     """Return F = 2 E* A d from the pull-off at d = -sqrt(2 pi w A / E*) on."""
     stiffness = 2 * modulus * tip.radius
     pull_off = np.sqrt(2 * np.pi * work * tip.radius / modulus)
     depth = travel / (1 + stiffness * compliance)
     indentation = np.linspace(-pull_off, max(depth, 0.0), _IN_CONTACT)
-    return Branch(np.append(-pull_off, indentation), stiffness * np.append(0.0, indentation))
+    return TipEquilibria(np.append(-pull_off, indentation), stiffness * np.append(0.0, indentation))
 
 
 def _radii(tip: Tip, modulus: float, work: float, travel: float, compliance: float) -> np.ndarray:
@@ -140,7 +142,9 @@ def _radii(tip: Tip, modulus: float, work: float, travel: float, compliance: flo
         a = tip.largest_radius * np.tanh(a / tip.largest_radius)
         a = a[a < tip.largest_radius * (1 - _NEXT_TO)]
     depths = tip.penetration(a)
-    force = 2 * modulus * _pressed(tip, a, depths) - np.sqrt(8 * np.pi * work * modulus * a**3)
+    force = 2 * modulus * _pressure_integral(tip, a, depths) - np.sqrt(
+        8 * np.pi * work * modulus * a**3
+    )
     travel = (1 + _SPARE) * travel
     reached = depths - np.sqrt(2 * np.pi * work * a / modulus) + compliance * force
     place = int(np.argmax(reached > travel))
@@ -151,7 +155,7 @@ def _radii(tip: Tip, modulus: float, work: float, travel: float, compliance: flo
     return top * (np.arange(1, _IN_CONTACT + 1) / _IN_CONTACT) ** _POWER
 
 
-def _pressed(tip: Tip, radii: np.ndarray, depths: np.ndarray) -> np.ndarray:
+def _pressure_integral(tip: Tip, radii: np.ndarray, depths: np.ndarray) -> np.ndarray:
     """Return int_0^a (D(a) - D(t)) dt."""
     inside = tip.penetration(radii[:, None] * _NODES)
     return radii * (depths - inside @ _WEIGHTS)

@@ -93,12 +93,12 @@ def fit_curve(
         may_stick = data.attract or (is_sparse and not isinstance(tip, SphereOnPlate))
     if may_stick:
         fit = curve_search.better(fit, curve_search.with_adhesion(data, tip))
-    return _finished(curve, fit, poisson_ratio, segment)
+    return _result_of(curve, fit, poisson_ratio, segment)
 
 
-def _finished(
+def _result_of(
     curve: js.lab.force_curves.ForceCurve,
-    fit: curve_search.Fitted,
+    fit: curve_search.BestFit,
     poisson_ratio: float,
     segment: Part,
 ) -> ForceCurveFit:

@@ -162,11 +162,11 @@ def change(pull_off: js.results.CriticalLoad, other: js.results.CriticalLoad) ->
 
 def results_of(scan: js.surfaces.Topography, arguments: Arguments) -> Iterator[Results]:
     """Yield the results of a report on a scan, more complete each time."""
-    scan = _levelled(scan, arguments.detrend)
+    scan = _level(scan, arguments.detrend)
     treatment: Treatment = arguments.periodic or ("as_is" if scan.edges_meet else "mirror")
     # A mirrored surface has the heights of the scan, and no step.
     measured = scan.periodic("as_is" if treatment == "as_is" else "mirror")
-    surface = _resampled(scan.periodic(treatment), arguments.size)
+    surface = _resample(scan.periodic(treatment), arguments.size)
     solid = js.HalfSpace(surface.grid, arguments.youngs_modulus, arguments.poisson_ratio)
     law, asked = _law_and_range(solid, surface, arguments)
     contact = js.Contact(solid, surface, law, hardness=arguments.hardness)
@@ -179,7 +179,7 @@ def results_of(scan: js.surfaces.Topography, arguments: Arguments) -> Iterator[R
     yield known
     known = replace(known, tension=_tension(known))
     yield known
-    known = replace(known, treated=_treated(known))
+    known = replace(known, treated=_treatments(known))
     _warn_of_treatment(known)
     yield known
     longer = _law(arguments, _LONGER * float(law.length))
@@ -195,10 +195,12 @@ def results_of(scan: js.surfaces.Topography, arguments: Arguments) -> Iterator[R
         known = replace(known, coarser=_pull_off(rough))
     yield known
     assert known.states is not None
-    yield replace(known, loop=_loop(_left(contact), solid, law, known.states[-1].equilibrium))
+    yield replace(
+        known, loop=_loop(_yielded_contact(contact), solid, law, known.states[-1].equilibrium)
+    )
 
 
-def _levelled(scan: js.surfaces.Topography, order: int | None) -> js.surfaces.Topography:
+def _level(scan: js.surfaces.Topography, order: int | None) -> js.surfaces.Topography:
     """Return a scan in metres, levelled and filled."""
     if scan.unit is None:
         raise ValueError(
@@ -221,7 +223,7 @@ def _power_law(surface: js.surfaces.Topography) -> js.surfaces.PowerLaw | str:
         return f"none: {error}"
 
 
-def _resampled(surface: js.surfaces.Topography, size: int | None) -> js.surfaces.Topography:
+def _resample(surface: js.surfaces.Topography, size: int | None) -> js.surfaces.Topography:
     """Return a surface with so many points along its longest side, by default at most `_POINTS`."""
     most = max(surface.grid.shape)
     if size is None:
@@ -286,7 +288,7 @@ def _pressure(contact: js.Contact, solid: js.HalfSpace) -> float:
     return min(unit, 2 * float(contact.hardness))
 
 
-def _left(contact: js.Contact) -> js.Contact:
+def _yielded_contact(contact: js.Contact) -> js.Contact:
     """Return the contact over the surface that the largest pressure leaves, if it yields."""
     if contact.hardness is None:
         return contact
@@ -318,7 +320,7 @@ def _loop(
 
 def _pull_off(contact: js.Contact) -> js.results.CriticalLoad:
     """Return the pull-off of a contact, which may not be found."""
-    pull_off = js.pull_off(_left(contact), throw=False)
+    pull_off = js.pull_off(_yielded_contact(contact), throw=False)
     _require_uninterrupted(pull_off.result)
     return pull_off
 
@@ -346,7 +348,7 @@ def _tension(known: Results) -> Tension:
     return Tension(float(found.value), float(found.error), known.range, found)
 
 
-def _treated(known: Results) -> list[Treated]:
+def _treatments(known: Results) -> list[Treated]:
     """Return the scan with its edges made to meet in several ways, the way of the contact first."""
     if known.treatment == "as_is":
         return []

@@ -7,7 +7,7 @@ from jaxstab.solids.graded import Graded
 from jaxstab.solids.half_space import HalfSpace
 from jaxstab.solids.layered import CoatedHalfSpace, Layer, Layered
 from jaxstab.solids.materials import Crystal, Film, Isotropic
-from jaxstab.solids.prony_fit import RelaxationWarning as RelaxationWarning
+from jaxstab.solids.relaxation_data import RelaxationWarning as RelaxationWarning
 from jaxstab.solids.solid import Altered as Altered
 from jaxstab.solids.solid import Solid
 from jaxstab.solids.spectral import Spectral, SpectralSolid

@@ -21,15 +21,9 @@ from jaxstab.core.types import ArrayLike, Flag, Scalar
 from jaxstab.core.units import NUMBER, TIME
 from jaxstab.solids.half_space import HalfSpace
 from jaxstab.solids.layered import Layer
-from jaxstab.solids.prony_fit import (
-    CREEP,
-    OSCILLATION,
-    RELAXATION,
-    Kind,
-    fit,
-    read_data,
-    relaxation_of,
-)
+from jaxstab.solids.master_curve import fit_series
+from jaxstab.solids.prony_fit import relaxation_of
+from jaxstab.solids.relaxation_data import CREEP, OSCILLATION, RELAXATION, Kind, read_data
 from jaxstab.solids.solid import Solid
 from jaxstab.solids.temperature_shift import TemperatureShift
 
@@ -281,7 +275,7 @@ class Viscoelastic(Solid):
             )
         given = arguments, values, temperatures, reference, shift
         require_known(given, "The fit of a Prony series")
-        series = fit(read_data(kind, arguments, values, temperatures), reference, shift)
+        series = fit_series(read_data(kind, arguments, values, temperatures), reference, shift)
         relaxed, moduli, times = relaxation_of(kind, series)
         relaxed_solid = eqx.tree_at(lambda solid: solid.youngs_modulus, solid, parameter(relaxed))
         found = cls(relaxed_solid, moduli / relaxed, times, series.shift)

@@ -478,3 +478,51 @@ def test_curves_that_no_law_joins_are_named():
     table = ShiftTable(temperatures, 10**logs, REFERENCE)
     known, told = warned(fit, *values, shift=table)
     assert "decades apart" not in told and known.fit_error < 0.01 < found.fit_error
+
+
+# Rounded moduli of a polymer at 0.1 to 100 Hz and at eight temperatures, from freq_user_raw.csv of
+# NREL/pyvisco (BSD 3), and the shift factors in its time_user_raw__shift_factors.csv.
+POLYMER = np.repeat([47.5, 55.0, 62.5, 70.0, 77.5, 85.0, 92.5, 100.0], 4)
+STORAGE = np.array(
+    [
+        [2387, 2984, 3584, 4196],
+        [1481, 2110, 2761, 3443],
+        [910, 1424, 2044, 2738],
+        [571, 923, 1447, 2112],
+        [395, 604, 984, 1562],
+        [313, 427, 671, 1120],
+        [275, 338, 483, 795],
+        [257, 296, 381, 586],
+    ],
+    float,
+).ravel()
+LOSS = np.array(
+    [
+        [498, 500, 479, 511],
+        [416, 479, 498, 538],
+        [301, 410, 478, 540],
+        [187, 309, 425, 523],
+        [107, 206, 340, 473],
+        [60.5, 126, 245, 398],
+        [36.5, 75.5, 162, 308],
+        [25.2, 47, 104, 223],
+    ]
+).ravel()
+FREQUENCIES = np.tile([0.1, 1.0, 10.0, 100.0], 8)
+PUBLISHED = np.array([-10.140, -11.444, -12.518, -13.449, -14.284, -15.029, -15.680, -16.228])
+
+
+@pytest.mark.parametrize("kind", ["oscillation", "relaxation"])
+def test_shifts_of_measured_sweeps_are_those_that_a_fitting_tool_ships(kind):
+    if kind == "oscillation":
+        values = 2 * np.pi * FREQUENCIES, STORAGE, LOSS
+        fit = js.Viscoelastic.from_storage_and_loss
+    else:
+        # As the tool takes them.
+        values = 1 / FREQUENCIES, STORAGE
+        fit = js.Viscoelastic.from_relaxation
+    found, _ = warned(fit, *values, POLYMER)
+    factors = np.log10(np.asarray(found.shift.factor(POLYMER[::4])))
+    away = (factors - factors[0]) - (PUBLISHED - PUBLISHED[0])
+    assert np.abs(np.diff(away)).max() < 0.1
+    assert np.abs(away).max() < 0.2

@@ -4,7 +4,8 @@
 compression; heights and tip positions grow away from the sample.
 """
 
-from jaxstab.lab.force_curves.correction import Baseline, Correction
+from jaxstab.lab.force_curves.baseline import Baseline
+from jaxstab.lab.force_curves.correction import Correction
 from jaxstab.lab.force_curves.curves import ForceCurves
 from jaxstab.lab.force_curves.force_curve import ForceCurve, ForceCurveWarning
 from jaxstab.lab.force_curves.means import Means, means

@@ -46,7 +46,7 @@ def members(archive: zipfile.ZipFile) -> list[str]:
 
 
 @contextmanager
-def unpacked(archive: zipfile.ZipFile, name: str) -> Iterator[Path]:
+def unpack(archive: zipfile.ZipFile, name: str) -> Iterator[Path]:
     """Yield the path of one file of an archive, in a temporary folder.
 
     Raises:

@@ -1,4 +1,4 @@
-"""The baseline of a force curve, its contact point, and its drift."""
+"""The correction of a force curve: its baseline, contact point and drift."""
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
@@ -6,36 +6,29 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from jaxstab.lab.force_curves.baseline import (
+    FEWEST_POINTS,
+    SHORT,
+    Baseline,
+    Line,
+    line_of,
+    line_of_retraction,
+    mean_variance,
+)
 from jaxstab.lab.force_curves.segment import (
     SIGNIFICANT,
     Segment,
     block_means,
+    finite_values,
     scaled,
     size_of_blocks,
     tip_from_height,
 )
 
-# The fewest points of a segment. A part of it needs a quarter of them.
-_FEWEST = 50
 # The fits of the contact point, each weighed by the one before.
 _WEIGHINGS = 10
 # The least force is F_0 of the contact within this part of it.
 _FACTOR_ERROR = 0.25
-# The blocks of points over which noise may be correlated.
-_BLOCKS = 20
-# The search for the part without force starts from one of these parts of the heights, at the far
-# end, and goes on by this factor at most, so that it extrapolates little.
-_STARTS = 0.1, 0.05, 0.025
-_STEP = 1.25
-# A line has a good length if it goes on beyond its start by this factor. The outer half of a
-# shorter one must foretell the inner half.
-_GOOD = 1.5
-# A baseline over a smaller part of the heights may be the least force of a tip that still adheres.
-_SHORT = 0.15
-# The part next to the first force is left out, since the force begins below the noise.
-_MARGIN = 0.2
-# A baseline that covers more of the points leaves no contact.
-_MOST = 0.95
 # The parts of the largest force, above the least, from which the contact point follows; and two
 # other lower ones, from which it would follow as well if the theory held.
 _LOWER, _UPPER = 0.03, 0.6
@@ -44,37 +37,6 @@ _OTHERS = 0.1, 0.2
 _BEYOND = 2.0
 # A drift is slower than this part of the speed of the cantilever: more is hysteresis.
 _SLOW = 0.01
-
-
-@dataclass(frozen=True)
-class Baseline:
-    """A line through the forces where no force acts, over the height.
-
-    Attributes:
-        force: at the contact point, or at the height zero if that is unknown [force].
-        slope: its tilt [force/length].
-        force_error, slope_error: standard errors.
-        noise: the rms distance of the forces from it [force].
-        number: the number of points that it is fitted to.
-    """
-
-    force: float
-    slope: float
-    force_error: float
-    slope_error: float
-    noise: float
-    number: int
-
-    def scaled(self, length: float, force: float) -> "Baseline":
-        """Return the baseline in other units, given factors."""
-        return Baseline(
-            force=self.force * force,
-            slope=self.slope * force / length,
-            force_error=self.force_error * force,
-            slope_error=self.slope_error * force / length,
-            noise=self.noise * force,
-            number=self.number,
-        )
 
 
 @dataclass(frozen=True)
@@ -134,42 +96,6 @@ class Correction:
             yield "drift", f"{_with_error(self.drift, self.drift_error)} {per_time}"
 
 
-@dataclass(frozen=True)
-class _Line:
-    """A baseline by its force at a height, its slope, and their covariance.
-
-    The length is the part of the heights of its segment, from the far end.
-    """
-
-    height: float
-    coefficients: np.ndarray
-    covariance: np.ndarray
-    noise: float
-    number: int
-    length: float
-
-    def forces(self, height: np.ndarray) -> np.ndarray:
-        """Return the forces of the line at heights."""
-        force, slope = self.coefficients
-        return force + slope * (height - self.height)
-
-    def at(self, height: float) -> Baseline:
-        """Return the baseline with its force at a height."""
-        away = np.array([1, height - self.height])
-        return Baseline(
-            force=float(away @ self.coefficients),
-            slope=float(self.coefficients[1]),
-            force_error=float(np.sqrt(away @ self.covariance @ away)),
-            slope_error=float(np.sqrt(self.covariance[1, 1])),
-            noise=self.noise,
-            number=self.number,
-        )
-
-
-class _NoBaseline(ValueError):
-    """A segment has no part that is free of force, or no other."""
-
-
 class _TooFew(ValueError):
     """Too few points tell the contact point."""
 
@@ -186,19 +112,19 @@ def correct(
     """
     ends = ends_of(segments)
     segments, remarks = _within_range(segments)
-    main = _line(ends[0], segments[ends[0]], is_tilted)
+    main = line_of(ends[0], segments[ends[0]], is_tilted)
     lines = {ends[0]: main}
     if len(ends) == 2:
-        lines["retraction"] = _line_of_retraction(segments["retraction"], main, is_tilted)
+        lines["retraction"] = line_of_retraction(segments["retraction"], main, is_tilted)
         if lines["retraction"] is main:
             remarks.append("retraction not detached: corrected by the baseline of the approach")
-    elif ends[0] == "retraction" and main.length < _SHORT:
+    elif ends[0] == "retraction" and main.length < SHORT:
         remarks.append(
             f"retraction flat over the far {main.length:.0%} of its heights alone, taken as the "
             "baseline: a tip that still adheres there would look alike"
         )
     flat = {
-        name: _moved(
+        name: _shift_heights(
             replace(segment, force=segment.force - lines.get(name, main).forces(segment.height)),
             constant,
         )
@@ -207,7 +133,7 @@ def correct(
     _require_contact(ends[0], flat[ends[0]], main.noise)
     if constant is None:
         remarks.append("contact point unknown, since the spring constant is")
-        return flat, _removed(lines, 0.0), tuple(remarks)
+        return flat, _baselines_alone(lines, 0.0), tuple(remarks)
     clocks = clocks_of(segments)
     drift = drift_error = None
     removes_drift = False
@@ -227,7 +153,7 @@ def correct(
             )
         elif drift is not None:
             flat = {
-                name: _moved(segment, constant, drift * clocks[name])
+                name: _shift_heights(segment, constant, drift * clocks[name])
                 for name, segment in flat.items()
             }
     contact, contact_error = _with_zeros(
@@ -235,9 +161,9 @@ def correct(
     )
     misfit = _misfit_of_theory(flat[ends[0]], constant, main.noise, contact)
     contact_error = float(np.hypot(contact_error, misfit))
-    flat = {name: _moved(segment, constant, contact) for name, segment in flat.items()}
+    flat = {name: _shift_heights(segment, constant, contact) for name, segment in flat.items()}
     correction = replace(
-        _removed(lines, contact),
+        _baselines_alone(lines, contact),
         contact_point=contact,
         contact_error=contact_error,
         drift=drift,
@@ -279,13 +205,15 @@ def ends_of(segments: Mapping[str, Segment]) -> list[str]:
     return ends
 
 
-def _removed(lines: Mapping[str, "_Line"], height: float) -> Correction:
+def _baselines_alone(lines: Mapping[str, Line], height: float) -> Correction:
     """Return the correction by baselines alone, with their forces at a height."""
     baselines = {name: line.at(height) for name, line in lines.items()}
     return Correction(baselines.get("approach"), baselines.get("retraction"))
 
 
-def _moved(segment: Segment, constant: float | None, by: np.ndarray | float = 0.0) -> Segment:
+def _shift_heights(
+    segment: Segment, constant: float | None, by: np.ndarray | float = 0.0
+) -> Segment:
     """Return a segment from other heights, its tip position by the spring constant."""
     height = segment.height - by
     tip = tip_from_height(height, segment.force, constant)
@@ -350,7 +278,7 @@ def _require_clock(segments: Mapping[str, Segment]) -> None:
 def _with_zeros(
     estimate: Callable[[Mapping[str, Segment]], tuple[float, float]],
     segments: Mapping[str, Segment],
-    lines: Mapping[str, _Line],
+    lines: Mapping[str, Line],
     constant: float,
 ) -> tuple[float, float]:
     """Return an estimate with its error, which includes the errors of the baselines at contact."""
@@ -358,8 +286,8 @@ def _with_zeros(
     variance = own_error**2
     for name, line in lines.items():
         segment = segments[name]
-        error = line.at(np.min(_known(segment.height))).force_error
-        raised = _moved(replace(segment, force=segment.force + error), constant)
+        error = line.at(np.min(finite_values(segment.height))).force_error
+        raised = _shift_heights(replace(segment, force=segment.force + error), constant)
         variance += (estimate({**segments, name: raised})[0] - found) ** 2
     return found, float(np.sqrt(variance))
 
@@ -368,135 +296,6 @@ def _speed(segment: Segment, clock: np.ndarray) -> float:
     """Return the mean speed of the height, by a clock."""
     height = segment.height[segment.is_present]
     return float(abs(height[-1] - height[0]) / np.ptp(clock[segment.is_present]))
-
-
-def _line(name: str, segment: Segment, is_tilted: bool) -> _Line:
-    """Return the baseline of a segment, which its own far part tells.
-
-    From the far end, the part without force is extended as long as means over blocks of points stay
-    on the line through it.
-    """
-    is_present = segment.is_present
-    count = int(is_present.sum())
-    if count < _FEWEST:
-        raise ValueError(f"The {name} has {count} points: a baseline needs {_FEWEST}.")
-    height = segment.height[is_present]
-    force = segment.force[is_present]
-    if height[0] < height[-1]:
-        height, force = height[::-1], force[::-1]
-    reason = ""
-    for start in _STARTS:
-        line = _extended(height, force, start, is_tilted)
-        if not (reason := _contradiction(line, height, force, start, is_tilted)):
-            return line
-    raise _NoBaseline(
-        f"The {name} has no baseline or no contact: {reason}. It needs a part without force, at "
-        "the far end, and a part in contact."
-    )
-
-
-def _extended(height: np.ndarray, force: np.ndarray, start: float, is_tilted: bool) -> _Line:
-    """Return the line through the far end that starts from a part of the heights."""
-    block = min(max(len(force) // 100, 3), 200)
-    is_far = height > height.max() - start * np.ptp(height)
-    number = max(int(np.argmin(is_far)), _FEWEST // 4, 4 * block)
-    line = _fitted(height, force, number, is_tilted)
-    while (end := _free_of_force(line, height, force, block)) > number:
-        number = min(end, int(_STEP * number) + 1)
-        line = _fitted(height, force, number, is_tilted)
-    return line
-
-
-def _contradiction(
-    line: _Line, height: np.ndarray, force: np.ndarray, start: float, is_tilted: bool
-) -> str:
-    """Return why a line through the far end is no baseline, empty if it is one."""
-    if line.number > _MOST * len(force):
-        return "its forces lie on one line"
-    deepest = int(np.argmin(height))
-    rise = line.coefficients[1] * (height[line.number - 1] - height[deepest])
-    # The farther a line is extrapolated, the flatter it must be.
-    if abs(rise) > line.length * abs(force[deepest] - line.forces(height[deepest])):
-        return "the forces of its far part rise as those in contact do"
-    far = slice(line.number)
-    if line.length < _GOOD * start and not _is_straight(height[far], force[far], is_tilted):
-        return "the forces of its far part bend"
-    return ""
-
-
-def _is_straight(height: np.ndarray, force: np.ndarray, is_tilted: bool) -> bool:
-    """Whether the line through the outer half of forces foretells the inner half."""
-    half = len(force) // 2
-    line = _fitted(height, force, half, is_tilted)
-    return _free_of_force(line, height, force, max(half // _BLOCKS, 1)) == len(force)
-
-
-def _free_of_force(line: _Line, height: np.ndarray, force: np.ndarray, block: int) -> int:
-    """Return the number of points, from the far end, before means over blocks leave the line."""
-    inside = line.number // block
-    means = block_means(force - line.forces(height), block)
-    noise = np.std(means[:inside])
-    away = np.stack([np.ones(len(means)), block_means(height, block) - line.height])
-    errors = np.sqrt(noise**2 + np.einsum("ij,ik,kj->j", away, line.covariance, away))
-    is_force = np.abs(means) > SIGNIFICANT * errors
-    is_force[:inside] = False
-    if not is_force.any():
-        return len(force)
-    return int((1 - _MARGIN) * np.argmax(is_force) * block)
-
-
-def _fitted(heights: np.ndarray, forces: np.ndarray, number: int, is_tilted: bool) -> _Line:
-    """Return the line through so many points from the far end."""
-    height = heights[:number]
-    force = forces[:number]
-    middle = height.mean()
-    columns = np.stack([np.ones_like(height), height - middle], axis=1)[:, : 1 + is_tilted]
-    found = np.zeros(2)
-    covariance = np.zeros((2, 2))
-    used = slice(0, 1 + is_tilted)
-    found[used] = np.linalg.lstsq(columns, force, rcond=None)[0]
-    misfit = force - columns @ found[used]
-    covariance[used, used] = np.linalg.inv(columns.T @ columns) * _variance(misfit, 1 + is_tilted)
-    length = float(np.ptp(height) / np.ptp(heights))
-    # Digitised forces may all be equal where none acts.
-    steps = np.diff(np.unique(forces))
-    noise = max(float(np.std(misfit)), float(np.min(steps, initial=np.inf)) / np.sqrt(12))
-    return _Line(middle, found, covariance, noise, number, length)
-
-
-def _variance(misfit: np.ndarray, freedom: int) -> float:
-    """Return the variance of a misfit, raised for noise that is correlated over some points.
-
-    Of white noise, means over blocks of b points have a variance b times smaller.
-    """
-    count = len(misfit)
-    variance = float(np.sum(misfit**2)) / max(count - freedom, 1)
-    block = max(count // _BLOCKS, 1)
-    means = block_means(misfit, block)
-    return max(variance, block * float(np.sum(means**2)) / max(len(means) - freedom, 1))
-
-
-def _line_of_retraction(segment: Segment, approach: _Line, is_tilted: bool) -> _Line:
-    """Return the baseline of the retraction, or of the approach if it has not detached.
-
-    It has not if its far part is no baseline. A force that is flat over a good length is one of no
-    contact, however far the forces have drifted; over a shorter one it may be the pull-off.
-    """
-    try:
-        line = _line("retraction", segment, is_tilted)
-    except _NoBaseline:
-        return approach
-    far = np.max(_known(segment.height))
-    level = float(line.forces(far) - approach.forces(far))
-    apart = segment.force - approach.forces(segment.height)
-    is_lowest = level < min(-SIGNIFICANT * line.noise, np.nanmin(apart) / 2)
-    if line.length < _SHORT and is_lowest:
-        return approach
-    return line
-
-
-def _known(values: np.ndarray) -> np.ndarray:
-    return values[np.isfinite(values)]
 
 
 def _require_contact(name: str, segment: Segment, noise: float) -> None:
@@ -516,7 +315,7 @@ def _require_contact(name: str, segment: Segment, noise: float) -> None:
         )
 
 
-class _Pressed(NamedTuple):
+class _ContactPart(NamedTuple):
     """The points of a segment in contact, from a small to a large force, and their numbers.
 
     The largest attraction is a mean over a block of points, with its standard error.
@@ -529,7 +328,7 @@ class _Pressed(NamedTuple):
     error: float
 
 
-def _pressed(segment: Segment, least: float, most: float, noise: float) -> _Pressed:
+def _contact_part(segment: Segment, least: float, most: float, noise: float) -> _ContactPart:
     """Return the points in contact with forces between parts of the largest, above the least.
 
     They lie between the points where means over blocks pass these forces, so that the noise does
@@ -554,7 +353,7 @@ def _pressed(segment: Segment, least: float, most: float, noise: float) -> _Pres
     if is_high.any():
         end = int(np.argmax(is_high))
     chosen = slice(start * block, end * block)
-    return _Pressed(
+    return _ContactPart(
         force=force[chosen],
         tip=segment.tip_position[numbers][chosen],
         numbers=numbers[chosen],
@@ -572,16 +371,16 @@ def _drift(
     drift times the time from the end of the approach.
     """
     parts = {
-        name: _pressed(segments[name], _LOWER, 1.0, 0.0) for name in ("approach", "retraction")
+        name: _contact_part(segments[name], _LOWER, 1.0, 0.0) for name in ("approach", "retraction")
     }
-    if min(len(part.force) for part in parts.values()) < _FEWEST // 2:
+    if min(len(part.force) for part in parts.values()) < FEWEST_POINTS // 2:
         return np.nan, np.nan
     top = min(part.force.max() for part in parts.values())
     force = np.concatenate([part.force for part in parts.values()])
     tip = np.concatenate([part.tip for part in parts.values()])
     clock = np.concatenate([clocks[name][part.numbers] for name, part in parts.items()])
     is_common = (force > 0) & (force < top)
-    if is_common.sum() < _FEWEST:
+    if is_common.sum() < FEWEST_POINTS:
         return np.nan, np.nan
     attraction = parts["approach"].attraction
     reduced = ((force[is_common] + attraction) / (top + attraction)) ** (2 / 3)
@@ -591,7 +390,7 @@ def _drift(
     columns = np.stack([reduced**0, reduced, reduced**2, reduced**3, clock[is_common] / unit], 1)
     found = np.linalg.lstsq(columns, tip[is_common], rcond=None)[0]
     misfit = tip[is_common] - columns @ found
-    covariance = np.linalg.inv(columns.T @ columns) * _variance(misfit, 5)
+    covariance = np.linalg.inv(columns.T @ columns) * mean_variance(misfit, 5)
     return float(found[-1] / unit), float(np.sqrt(covariance[-1, -1]) / unit)
 
 
@@ -604,8 +403,8 @@ def _contact(
     of the force moves the tip position by 1 / spring constant, and the curve by 1 / its slope: the
     weights allow for both.
     """
-    force, tip, _, attraction, error = _pressed(segment, lower, _UPPER, noise)
-    if len(force) < _FEWEST // 4:
+    force, tip, _, attraction, error = _contact_part(segment, lower, _UPPER, noise)
+    if len(force) < FEWEST_POINTS // 4:
         raise _TooFew(
             f"Only {len(force)} points lie in the lower part of the contact, from which its zero "
             "follows: measure more slowly, or with more points."
@@ -630,7 +429,7 @@ def _contact(
         # A misfit beyond the noise makes the factor no better known.
         prior = max(noise, float(np.std((values - rows @ found)[:-1]))) / _FACTOR_ERROR
     misfit = (values - rows @ found)[:-1]
-    variance = np.linalg.inv(rows.T @ rows)[0, 0] * _variance(misfit, 3)
+    variance = np.linalg.inv(rows.T @ rows)[0, 0] * mean_variance(misfit, 3)
     return float(found[0]), float(np.sqrt(variance))
 
 

@@ -55,11 +55,11 @@ class ForceCurves(Sequence[ForceCurve]):
 
     def in_units(self, unit: str, force_unit: str) -> "ForceCurves":
         """Return the curves in other units, as `ForceCurve.in_units`."""
-        return self._each(lambda curve: curve.in_units(unit, force_unit))
+        return self._map(lambda curve: curve.in_units(unit, force_unit))
 
     def __neg__(self) -> "ForceCurves":
         """Reverse the signs of all forces."""
-        return self._each(lambda curve: -curve)
+        return self._map(lambda curve: -curve)
 
     @property
     def sources(self) -> list[str]:
@@ -187,7 +187,7 @@ class ForceCurves(Sequence[ForceCurve]):
             if number := sum(map(bool, map(is_lacking, self.curves))):
                 yield name, number
 
-    def _each(self, change: Callable[[ForceCurve], ForceCurve]) -> "ForceCurves":
+    def _map(self, change: Callable[[ForceCurve], ForceCurve]) -> "ForceCurves":
         return replace(self, curves=tuple(map(change, self.curves)))
 
 

@@ -8,12 +8,14 @@ from typing import TYPE_CHECKING, Any, Literal, Self
 
 import numpy as np
 
-from jaxstab.lab.force_curves.correction import Baseline, Correction, correct
+from jaxstab.lab.force_curves.baseline import Baseline
+from jaxstab.lab.force_curves.correction import Correction, correct
 from jaxstab.lab.force_curves.segment import (
     FORCES,
     LENGTHS,
     SIGNIFICANT,
     Segment,
+    finite_values,
     scaled,
     tip_from_height,
 )
@@ -163,7 +165,7 @@ class ForceCurve:
             )
         length = 10.0 ** (LENGTHS[self.unit] - LENGTHS[unit])
         force = 10.0 ** (FORCES[self.force_unit] - FORCES[force_unit])
-        curve = self._each(lambda segment: segment.scaled(length, force))
+        curve = self._map(lambda segment: segment.scaled(length, force))
         position = self.position
         if position is not None:
             position = (position[0] * length, position[1] * length)
@@ -189,7 +191,10 @@ class ForceCurve:
         sizes = [0.0, 0.0]
         for segment in self.segments.values():
             if segment.num_missing < len(segment):
-                height, force = np.ptp(_known(segment.height)), np.abs(_known(segment.force)).max()
+                height, force = (
+                    np.ptp(finite_values(segment.height)),
+                    np.abs(finite_values(segment.force)).max(),
+                )
                 sizes = [max(sizes[0], float(height)), max(sizes[1], float(force))]
         units = self.unit, self.force_unit
         unit, force_unit = (
@@ -207,7 +212,7 @@ class ForceCurve:
             return replace(segment, force=-segment.force, tip=tip)
 
         remarks = (*self.remarks, "forces reversed")
-        return replace(self._each(reverse), remarks=remarks, correction=None)
+        return replace(self._map(reverse), remarks=remarks, correction=None)
 
     def to_dataset(self) -> "xarray.Dataset":
         """Return a data set of xarray, with a dimension for each segment, and units.
@@ -313,7 +318,7 @@ class ForceCurve:
         yield "source", self.source or "not from a file"
         if self.instrument:
             yield "instrument", self.instrument
-        texts = {name: self._described(segment) for name, segment in self.segments.items()}
+        texts = {name: self._description(segment) for name, segment in self.segments.items()}
         yield from ({"approach": "missing", "retraction": "missing"} | texts).items()
         constant = "missing: no tip position"
         if self.spring_constant is not None:
@@ -332,7 +337,7 @@ class ForceCurve:
         yield from (("done", remark) for remark in self.remarks)
         yield from (("looks wrong", sentence) for sentence in self.suspicions)
 
-    def _described(self, segment: Segment) -> str:
+    def _description(self, segment: Segment) -> str:
         if segment.num_missing == len(segment):
             return f"{len(segment)} points, all of them missing"
         parts = [f"{len(segment)} points"]
@@ -352,14 +357,10 @@ class ForceCurve:
         ends = [("approach", self.approach), ("retraction", self.retraction)]
         return [(name, segment) for name, segment in ends if segment is not None]
 
-    def _each(self, change: Any) -> "ForceCurve":
+    def _map(self, change: Any) -> "ForceCurve":
         """Return the curve with each segment changed."""
         ends = {name: change(segment) for name, segment in self._ends()}
         return replace(self, **ends, pauses=tuple(map(change, self.pauses)))
-
-
-def _known(values: np.ndarray) -> np.ndarray:
-    return values[np.isfinite(values)]
 
 
 def require_baseline(baseline: object) -> None:

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from jaxstab.lab.force_curves.named_columns import agreed
+from jaxstab.lab.force_curves.named_columns import common_value
 from jaxstab.lab.force_curves.recording import Recording
 
 _UNITS = {"spring constant": "N/m", "sensitivity": "m/V"}
@@ -35,7 +35,7 @@ def read_instrument(
             "Force curves of instruments need afmformats: pip install 'jaxstab[afm]'."
         )
     given = {"spring constant": spring_constant, "sensitivity": sensitivity}
-    curves, remarks = _loaded(path, {k: x for k, x in given.items() if x is not None}, is_text)
+    curves, remarks = _load(path, {k: x for k, x in given.items() if x is not None}, is_text)
     if not curves:
         raise ValueError("it holds no force curve.")
     from afmformats import formats
@@ -50,7 +50,7 @@ def read_instrument(
         ]
         shapes = {_whole_pair(curve.metadata, "grid shape {}") for curve in curves}
     except (*_errors(), LookupError, TypeError, OSError) as error:
-        raise ValueError(f"afmformats: the file is damaged ({_said(error)}).") from None
+        raise ValueError(f"afmformats: the file is damaged ({_message_of(error)}).") from None
     if len(shapes) > 1:
         return recordings, None
     return recordings, shapes.pop()
@@ -63,30 +63,28 @@ def _errors() -> tuple[type[BaseException], ...]:
     return errors.AFMFileFormatError, errors.MissingMetaDataError, meta.MetaDataMissingError
 
 
-def _loaded(
-    path: Path, given: dict[str, float], is_text: bool
-) -> tuple[list[Any], tuple[str, ...]]:
+def _load(path: Path, given: dict[str, float], is_text: bool) -> tuple[list[Any], tuple[str, ...]]:
     """Return what afmformats finds in a file, and its warnings."""
     import afmformats
     from afmformats.errors import MissingMetaDataError
 
-    # A file with values of its own keeps them: `agreed` compares.
+    # A file with values of its own keeps them: `common_value` compares.
     for override in ({}, given):
         with warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("always")
             try:
                 curves = afmformats.load_data(path, meta_override=dict(override))
-                return curves, tuple(f"afmformats: {_said(w.message)}" for w in caught)
+                return curves, tuple(f"afmformats: {_message_of(w.message)}" for w in caught)
             except MissingMetaDataError as error:
                 missing = [name for name in _UNITS if name in str(error)] or [*_UNITS]
                 if override is given or not {*missing} <= {*given}:
-                    raise ValueError(_without(missing, given)) from None
+                    raise ValueError(_missing_metadata(missing, given)) from None
             except (Exception, *_errors()) as error:
                 raise ValueError(_reason(path, error, is_text)) from None
     raise AssertionError("Unreachable.")
 
 
-def _without(missing: list[str], given: dict[str, float]) -> str:
+def _missing_metadata(missing: list[str], given: dict[str, float]) -> str:
     names = [name for name in missing if name not in given] or missing
     example = {"spring constant": "spring_constant=0.2", "sensitivity": "sensitivity=50e-9"}
     said = " and ".join(f"the {name} [{_UNITS[name]}]" for name in names)
@@ -99,7 +97,7 @@ def _reason(path: Path, error: BaseException, is_text: bool) -> str:
 
     known = ", ".join(afmformats.formats.supported_extensions)
     # The file may lie in a temporary folder.
-    reason = f"afmformats cannot read it: {_said(error).replace(str(path), path.name)}"
+    reason = f"afmformats cannot read it: {_message_of(error).replace(str(path), path.name)}"
     if path.suffix not in afmformats.formats.supported_extensions:
         reason = f"its suffix {path.suffix!r} is none that afmformats knows, which are {known}."
     if is_text:
@@ -110,7 +108,7 @@ def _reason(path: Path, error: BaseException, is_text: bool) -> str:
     return reason
 
 
-def _said(error: object) -> str:
+def _message_of(error: object) -> str:
     text = " ".join(str(error).split()) or type(error).__name__
     if len(text) < 200:
         return text
@@ -132,7 +130,7 @@ def _recording(
         raise ValueError(f"it has no height, but only {', '.join(data)}.")
     metadata = curve.metadata
     stated = {name: metadata.get(name) for name in _UNITS}
-    known = {name: agreed(name, given[name], stated[name], _UNITS[name]) for name in _UNITS}
+    known = {name: common_value(name, given[name], stated[name], _UNITS[name]) for name in _UNITS}
     constant = known["spring constant"]
     tip = data.get("tip position")
     name = next(iter(heights))

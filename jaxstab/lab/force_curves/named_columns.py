@@ -95,9 +95,11 @@ def read_named_columns(
     lines = list(_lines(text))
     if not lines:
         raise ValueError("it holds no line but comments.")
-    stated = dict(_stated(text))
-    constant = agreed("spring constant", spring_constant, stated.get("spring constant"), "N/m")
-    sensitivity = agreed("sensitivity", sensitivity, stated.get("sensitivity"), "m/V")
+    stated = dict(_stated_properties(text))
+    constant = common_value(
+        "spring constant", spring_constant, stated.get("spring constant"), "N/m"
+    )
+    sensitivity = common_value("sensitivity", sensitivity, stated.get("sensitivity"), "m/V")
     separator = _separator(lines[0][1])
     columns = _columns(_titles(lines[0][1], separator))
     table = _table(lines, separator, columns)
@@ -123,7 +125,7 @@ def read_named_columns(
     return recordings
 
 
-def agreed(name: str, given: float | None, stated: float | None, unit: str) -> float | None:
+def common_value(name: str, given: float | None, stated: float | None, unit: str) -> float | None:
     """Return a property of the cantilever, which the user and the file must not contradict.
 
     Raises:
@@ -317,7 +319,7 @@ def _number(line: int, cell: str, title: str, has_commas: bool) -> float:
         ) from None
 
 
-def _stated(text: str) -> Iterator[tuple[str, float]]:
+def _stated_properties(text: str) -> Iterator[tuple[str, float]]:
     """Yield the properties of the cantilever in comments, in SI units."""
     per: dict[str, tuple[Callable[[str], float], str]] = {
         "spring constant": (lambda unit: _ratio(unit, FORCES, LENGTHS), "0.2 N/m"),

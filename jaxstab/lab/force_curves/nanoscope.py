@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from jaxstab.lab.force_curves.named_columns import agreed
+from jaxstab.lab.force_curves.named_columns import common_value
 from jaxstab.lab.force_curves.recording import Recording
 from jaxstab.lab.force_curves.segment import FORCES, LENGTHS
 
@@ -26,7 +26,7 @@ _COMMAS = "If commas are decimal marks, export it with points."
 _PARTS = {"Ex": "approach", "Rt": "retraction"}
 
 
-class _Column(NamedTuple):
+class _RampColumn(NamedTuple):
     name: str
     part: str
     unit: str
@@ -60,12 +60,12 @@ def read_nanoscope_text(
     constant = spring_constant
     if stated is not None:
         try:
-            constant = agreed("spring constant", spring_constant, float(stated[1]), "N/m")
+            constant = common_value("spring constant", spring_constant, float(stated[1]), "N/m")
         except ValueError as error:
             cure = f" {_COMMAS}" if "," in stated[1] else ""
             raise ValueError(f"its spring constant is {stated[1]!r}: {error}{cure}") from None
     titles = _cells(lines[start])
-    rows = [_numbers(number, line, titles) for number, line in _below(lines, start)]
+    rows = [_numbers(number, line, titles) for number, line in _lines_below(lines, start)]
     if not rows:
         raise ValueError("it has names of columns, and no values.")
     table = np.array(rows)
@@ -102,7 +102,7 @@ def _start(text: str) -> int | None:
     return None
 
 
-def _below(lines: list[str], start: int) -> list[tuple[int, str]]:
+def _lines_below(lines: list[str], start: int) -> list[tuple[int, str]]:
     return [(i + 1, lines[i]) for i in range(start + 1, len(lines)) if lines[i].strip()]
 
 
@@ -112,13 +112,13 @@ def _cells(line: str) -> list[str]:
     return line.replace('"', " ").split()
 
 
-def _column(title: str) -> _Column | None:
+def _column(title: str) -> _RampColumn | None:
     match = _TITLE.fullmatch(title)
     if match is None or (match["before"] and match["after"]):
         return None
     # Micro is written as u.
     unit = re.sub("^u(?=.)", "µ", match["before"] or match["after"] or "")
-    return _Column(match["name"], match["part"], unit)
+    return _RampColumn(match["name"], match["part"], unit)
 
 
 def _numbers(number: int, line: str, titles: list[str]) -> list[float]:
@@ -136,7 +136,7 @@ def _numbers(number: int, line: str, titles: list[str]) -> list[float]:
 
 
 def _part(
-    columns: dict[_Column, np.ndarray],
+    columns: dict[_RampColumn, np.ndarray],
     part: str,
     constant: float | None,
     sensitivity: float | None,

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from jaxstab.lab.force_curves.named_columns import agreed
+from jaxstab.lab.force_curves.named_columns import common_value
 from jaxstab.lab.force_curves.recording import Recording
 
 SUFFIXES = (".nid", ".nhf")
@@ -46,7 +46,7 @@ def read_nanosurf(path: Path, spring_constant: float | None) -> list[Recording]:
         raise ValueError("it holds no force curve: NSFopen finds no spectroscopy in it.")
     stated = file.param.get("Tip", {}).get("Prop0") or {}
     constant = stated.get("Value") if stated.get("Unit") == "N/m" else None
-    constant = agreed("spring constant", spring_constant, constant, "N/m")
+    constant = common_value("spring constant", spring_constant, constant, "N/m")
     parts = {
         label: _columns(frames[name], header, frame, constant)
         for name, (label, frame) in _FRAMES.items()

@@ -5,7 +5,7 @@ import zipfile
 from dataclasses import replace
 from pathlib import Path
 
-from jaxstab.lab.force_curves.archives import WORKSHOP, is_archive, members, unpacked
+from jaxstab.lab.force_curves.archives import WORKSHOP, is_archive, members, unpack
 from jaxstab.lab.force_curves.curves import ForceCurves, all_of
 from jaxstab.lab.force_curves.force_curve import ForceCurve, ForceCurveWarning
 from jaxstab.lab.force_curves.instruments import read_instrument
@@ -149,7 +149,7 @@ def _of_archive(
         names = members(archive)
         for name in names:
             try:
-                with unpacked(archive, name) as file:
+                with unpack(archive, name) as file:
                     found, reasons = _of_file(file, spring_constant, sensitivity)
             except ValueError as error:
                 failed.append(f"{name}: {error}")

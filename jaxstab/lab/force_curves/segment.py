@@ -148,3 +148,8 @@ def block_means(values: np.ndarray, size: int) -> np.ndarray:
     """Return the means over blocks of points, the rest of the last one left out."""
     count = len(values) // size
     return values[: count * size].reshape(count, size).mean(axis=1)
+
+
+def finite_values(values: np.ndarray) -> np.ndarray:
+    """Return the values that are finite."""
+    return values[np.isfinite(values)]
