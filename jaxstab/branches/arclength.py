@@ -62,7 +62,7 @@ def take_step(problem: ContinuationProblem, step: ArclengthStep) -> ArclengthSte
         # To a limit no branch leads across another one: a bifurcation is a limit.
         if not problem.to_limit:
             turn, agrees = cond(
-                account.is_open,
+                account.is_unexplained,
                 lambda: bifurcation_in(trial, events, turn),
                 lambda: (turn, account.agrees),
             )
@@ -106,7 +106,7 @@ def _next_length(trial: StepTrial, is_new: Flag) -> tuple[Scalar, Flag]:
     longer = jnp.minimum(jnp.maximum(longer, step.length), problem.max_step)
     before = curve.value(old.at)
     after = curve.value(reached.at)
-    to_load = (problem.last - before) / jnp.where(after == before, 1, after - before)
+    to_load = (problem.last_load - before) / jnp.where(after == before, 1, after - before)
     before = curve.rate(old.tangent)
     after = curve.rate(reached.tangent)
     to_turn = before / jnp.where(judgement.turns, before - after, 1)

@@ -17,7 +17,7 @@ from jaxstab.branches.corrector import (
 )
 from jaxstab.branches.curve import Place
 from jaxstab.branches.morse_index import DrivenIndex, driven_index_of
-from jaxstab.branches.step_events import StepEvents, Turning
+from jaxstab.branches.step_events import IndexChange, StepEvents
 from jaxstab.branches.step_trial import StepTrial, TurnInStep
 from jaxstab.core.accuracy import EXACT
 from jaxstab.core.compile import program
@@ -53,18 +53,18 @@ def _crossing_on_chord(trial: StepTrial, events: StepEvents) -> tuple[TurnInStep
     problem, step, target, judgement, reached = trial
     curve = problem.curve
     old = step.here
-    turning = Turning.at(trial, events.beyond)
+    index_change = IndexChange.at(trial, events.beyond)
 
     def driven_index_at(place: Place) -> DrivenIndex:
         gap = place.at.gap
         tangent = place.tangent.gap
         return driven_index_of(curve.contact, curve.load, gap, place.is_free, tangent)
 
-    touched = turning.touches & ~turning.is_tied
+    touched = index_change.touches & ~index_change.is_tied
     ends = old, choose(touched, replace(reached, is_free=events.beyond.place.is_free), reached)
     both = jax.lax.map(driven_index_at, jax.tree.map(lambda *pair: jnp.stack(pair), *ends))
     before, after = both.index
-    agrees = (before >= 0) & (after >= 0) & turning.explains(judgement.turns, before, after)
+    agrees = (before >= 0) & (after >= 0) & index_change.explains(judgement.turns, before, after)
     # Of the eigenvalues in order, the lowest one that has changed its sign.
     numbers = jnp.sum(both.eigenvalues < 0, axis=1)
     first = jnp.minimum(jnp.min(numbers), both.eigenvalues.shape[1] - 1)
@@ -74,7 +74,7 @@ def _crossing_on_chord(trial: StepTrial, events: StepEvents) -> tuple[TurnInStep
     here, there = both.modes[:, first]
     there *= jnp.where(total(here * there) < 0, -1, 1)
     crossing = TurnInStep(
-        is_there=agrees & ~judgement.turns & ~turning.back,
+        is_there=agrees & ~judgement.turns & ~index_change.back,
         at=start,
         kind=KINDS.bifurcation,
         mode=here + share * (there - here),

@@ -60,7 +60,7 @@ class BranchState(eqx.Module):
     result: RESULTS
 
     @property
-    def is_on(self) -> Flag:
+    def goes_on(self) -> Flag:
         """Whether it goes on."""
         return (self.end == ENDS.states) & (self.result == RESULTS.successful)
 
@@ -198,7 +198,7 @@ def _after(
     is_stuck = ~jnp.any(step.here.is_free) & (problem.curve.load_gradient.pressure == 0)
     end = ENDS.where(is_stuck, ENDS.full_contact, end)
     # Unless the last load comes before.
-    is_before = (problem.last - problem.curve.value(step.here.at)) * problem.last >= 0
+    is_before = (problem.last_load - problem.curve.value(step.here.at)) * problem.last_load >= 0
     end = ENDS.where(goes_apart(problem.curve, step) & is_before, ENDS.separated, end)
     is_loop = step.is_new & closes_loop(problem.curve, branch, step.here.at)
     end = ENDS.where(is_loop, ENDS.loop, end)
@@ -249,7 +249,7 @@ def is_same(problem: ContinuationProblem, one: Turn, other: Turn) -> Flag:
     gaps = other.equilibrium.gap
     grid = tuple(range(-gap.ndim, 0))
     close = NEGLIGIBLE[gap.dtype.name]
-    span = jnp.abs(problem.last - problem.first)
+    span = jnp.abs(problem.last_load - problem.first_load)
     is_near = jnp.max(jnp.abs(gap - gaps), axis=grid) <= close * jnp.max(gap)
     is_near &= jnp.abs(one.load.value - other.load.value) <= close * span
     return jnp.any(is_near & (one.kind.code == other.kind.code))

@@ -135,11 +135,11 @@ def continuation(
     load.warn_if_soft(contact.solid)
     warn_if_coarse(contact, FOR_JUMPS)
     problem = pose(contact, load)
-    start = start_of(problem.contact, problem.state[0], initial)
+    start = start_of(problem.contact, problem.load[0], initial)
     solver = PreconditionedConjugateGradient()
     if isinstance(initial, eqx.Module):
         solver = SaddleNewton()
-    given = problem.contact, problem.state, solver, start, [longest, shortest]
+    given = problem.contact, problem.load, solver, start, [longest, shortest]
     constants = jax.lax.stop_gradient(refuse_derivatives(given))
     with (
         own_conventions(),
@@ -196,7 +196,7 @@ def _follow(
 
     def goes_on(state: tuple[BranchState, Store]) -> Flag:
         branch, store = state
-        return branch.is_on & ~concrete(store.is_full)
+        return branch.goes_on & ~concrete(store.is_full)
 
     def further(state: tuple[BranchState, Store]) -> tuple[BranchState, Store]:
         branch, store = state
@@ -217,7 +217,7 @@ def _next_new_state(problem: ContinuationProblem, branch: BranchState) -> Branch
     """Return a branch after its next new state, or at its end."""
     fresh = replace(branch, step=replace(branch.step, is_new=np.array(False)))
     return while_loop(
-        lambda branch: branch.is_on & ~concrete(branch.step.is_new),
+        lambda branch: branch.goes_on & ~concrete(branch.step.is_new),
         partial(next_state, problem),
         fresh,
     )
@@ -254,7 +254,7 @@ def _branch_with_room(room: Room, *inputs: PyTree) -> Branch:
     """Return a branch in room for a number of states, within a program."""
     problem, branch, record = _first_record(*inputs)
     branch, tables = _follow(problem, branch, room(record).append(branch, record))
-    is_cut = branch.is_on & tables.events.is_full & ~tables.states.is_full
+    is_cut = branch.goes_on & tables.events.is_full & ~tables.states.is_full
     branch = replace(branch, result=RESULTS.where(is_cut, RESULTS.store_full, branch.result))
     found = _branch(problem, branch, tables.states.rows)
     return replace(found, turns=tables.events.rows)

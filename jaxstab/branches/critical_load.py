@@ -106,10 +106,10 @@ def critical_load(
     bracket.warn_if_soft(contact.solid)
     warn_if_coarse(contact, FOR_JUMPS)
     problem = pose(contact, bracket)
-    inputs = problem.contact, problem.state
+    inputs = problem.contact, problem.load
     starts = [
         start_of(problem.contact, load, initial_of_path(problem.contact, load, initial))
-        for load in problem.state
+        for load in problem.load
     ]
     constants = jax.lax.stop_gradient((*inputs, starts))
     with own_conventions():
@@ -156,7 +156,7 @@ class _CriticalSearch(eqx.Module):
         number: of branches that were followed.
         is_over: whether the limit is the answer.
         is_stuck: whether no stable state has been found behind it yet.
-        is_open: whether another branch is to be followed.
+        goes_on: whether another branch is to be followed.
     """
 
     limit: Limit
@@ -166,7 +166,7 @@ class _CriticalSearch(eqx.Module):
     number: Int[Array, ""]
     is_over: Flag
     is_stuck: Flag
-    is_open: Flag
+    goes_on: Flag
 
 
 def _limit(contact: Contact, loads: Load, start: Field) -> Limit:
@@ -199,7 +199,7 @@ def _limit(contact: Contact, loads: Load, start: Field) -> Limit:
         return _search_after(search, loads, limit, is_stable, is_left)
 
     begun = search_from(contact, loads, start)
-    search = while_loop(lambda search: search.is_open, next_limit, begun)
+    search = while_loop(lambda search: search.goes_on, next_limit, begun)
     return replace(search.limit, result=_result(search))
 
 
@@ -211,10 +211,10 @@ def search_from(contact: Contact, loads: Load, start: Field) -> _CriticalSearch:
     no = jnp.array(False)
     infinite = jnp.full((), jnp.inf, dtype)
     # Between equal loads, or such that are not finite, no branch is followed.
-    is_open = (loads.value[1] - loads.value[0]) ** 2 > 0
+    goes_on = (loads.value[1] - loads.value[0]) ** 2 > 0
     none = no_limit(contact, loads[0], start)
     number = jnp.zeros((), int)
-    return _CriticalSearch(none, loads, _just_beyond(loads), infinite, number, no, no, is_open)
+    return _CriticalSearch(none, loads, _just_beyond(loads), infinite, number, no, no, goes_on)
 
 
 def _just_beyond(loads: Load) -> Scalar:
@@ -306,7 +306,7 @@ def _search_after(
         number=search.number + 1,
         is_over=is_over,
         is_stuck=is_stuck,
-        is_open=~is_over & ((last - value) * (last - first) > 0),
+        goes_on=~is_over & ((last - value) * (last - first) > 0),
     )
 
 

@@ -202,9 +202,9 @@ class Curve(eqx.Module):
         pressed = model.load_pressure(uniform, self.contact.solid.punch)
         # The mean has a stiffness of its own, often negative, that K + c does not know.
         share = total(uniform * pressed)
-        is_open = share > 0
-        share = jnp.where(is_open, share, 1)
-        size_of_uniform = jnp.where(is_open, total(uniform**2), 1)
+        has_free_points = share > 0
+        share = jnp.where(has_free_points, share, 1)
+        size_of_uniform = jnp.where(has_free_points, total(uniform**2), 1)
         stiffness = total(uniform * hessian(uniform)) / (soft * share)
         along = total(row.gap * uniform)
         other = row.pressure * stiffness
@@ -213,7 +213,7 @@ class Curve(eqx.Module):
         along = along - other
         along = jnp.where(jnp.abs(along) < least, jnp.where(along < 0, -2, 2) * least, along)
         along = jnp.where(along == 0, 1, along)
-        by_pressure = jnp.where(is_open | (row.pressure == 0), 1, row.pressure)
+        by_pressure = jnp.where(has_free_points | (row.pressure == 0), 1, row.pressure)
 
         def apply_bordered(change: BorderedVector) -> BorderedVector:
             moved = inside(change.gap)
@@ -230,7 +230,7 @@ class Curve(eqx.Module):
             residual = right.pressure - total(row.gap * rest) - row.pressure * level
             shift = residual / along
             # In full contact there is the pressure alone.
-            pressure = jnp.where(is_open, level - stiffness * shift, residual / by_pressure)
+            pressure = jnp.where(has_free_points, level - stiffness * shift, residual / by_pressure)
             return BorderedVector(rest + shift * uniform, pressure)
 
         wanted = BorderedVector(
@@ -259,15 +259,15 @@ class ContinuationProblem(eqx.Module):
     """
 
     curve: Curve
-    first: Scalar
-    last: Scalar
+    first_load: Scalar
+    last_load: Scalar
     max_step: Scalar
     min_step: Scalar
     to_limit: bool = eqx.field(static=True)
 
     def is_beyond(self, at: BorderedVector) -> Flag:
         """Return whether a point has reached the last load."""
-        return (self.curve.value(at) - self.last) * (self.first - self.last) <= 0
+        return (self.curve.value(at) - self.last_load) * (self.first_load - self.last_load) <= 0
 
 
 def _value_of(contact: Contact, load: Load) -> tuple[Scalar, BorderedVector]:

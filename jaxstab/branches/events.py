@@ -142,7 +142,7 @@ class _Bracket(eqx.Module):
         rates: of the load there; of a place that stays a second time half of it counts.
         is_low: whether the last place that was found is the first of the two.
         count: how many were found.
-        is_open: whether to look for another one.
+        goes_on: whether to look for another one.
         is_flat: whether the rate at the last vanishes.
     """
 
@@ -152,7 +152,7 @@ class _Bracket(eqx.Module):
     rates: Array
     is_low: Flag
     count: Int[Array, ""]
-    is_open: Flag
+    goes_on: Flag
     is_flat: Flag
 
     @property
@@ -184,7 +184,7 @@ def fold_between(curve: Curve, old: Place, new: Place) -> tuple[Place, Flag]:
         return _shrink_bracket(curve, old, new, bracket, found)
 
     first = _first_bracket(curve, old, new)
-    bracket = while_loop(lambda bracket: bracket.is_open, narrow, first)
+    bracket = while_loop(lambda bracket: bracket.goes_on, narrow, first)
     return cond(bracket.is_low, lambda: bracket.low, lambda: bracket.high), bracket.is_flat
 
 
@@ -256,6 +256,6 @@ def _shrink_bracket(
         rates=rates,
         is_low=is_low,
         count=count,
-        is_open=is_wide & is_steep & (count < _MAX_SECANTS),
+        goes_on=is_wide & is_steep & (count < _MAX_SECANTS),
         is_flat=jnp.abs(rate) < NEGLIGIBLE[rate.dtype.name] * steepest,
     )

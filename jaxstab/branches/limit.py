@@ -236,7 +236,7 @@ class _LimitSearch(eqx.Module):
             before one was passed.
         length: of the next step [length].
         count: of the steps.
-        is_open: whether the limit lies ahead, or is to be bracketed more closely.
+        goes_on: whether the limit lies ahead, or is to be bracketed more closely.
     """
 
     before: BranchState
@@ -245,7 +245,7 @@ class _LimitSearch(eqx.Module):
     width: Scalar
     length: Scalar
     count: Int[Array, ""]
-    is_open: Flag
+    goes_on: Flag
 
 
 def limit_of(problem: ContinuationProblem, branch: BranchState) -> Limit:
@@ -268,7 +268,7 @@ def limit_of(problem: ContinuationProblem, branch: BranchState) -> Limit:
         width=array(jnp.inf, dtype),
         length=branch.step.length,
         count=array(0),
-        is_open=branch.is_on,
+        goes_on=branch.goes_on,
     )
 
     def step(search: _LimitSearch) -> _LimitSearch:
@@ -276,7 +276,7 @@ def limit_of(problem: ContinuationProblem, branch: BranchState) -> Limit:
         old = replace(old, step=replace(old.step, length=search.length))
         return _search_after(problem, search, old, next_state(problem, old))
 
-    search = while_loop(lambda search: search.is_open, step, first)
+    search = while_loop(lambda search: search.goes_on, step, first)
     candidate = _limit_candidate(problem, search)
     modes = search.after.step.modes
     contact = problem.curve.contact
@@ -309,7 +309,7 @@ def _search_after(
         width=width,
         length=jnp.minimum(next_length, jnp.maximum(width / 2, closest)),
         count=count,
-        is_open=new.is_on & ~is_bracketed & (count < _MAX_STEPS),
+        goes_on=new.goes_on & ~is_bracketed & (count < _MAX_STEPS),
     )
 
 
@@ -402,7 +402,7 @@ def limit_between(
     is_between = jnp.isfinite(search.width) & (kind != KINDS.uncertain)
     is_found = search.is_past | is_between
     ended = search.after.end
-    is_unclear = (ended == ENDS.uncertain) | (ended == ENDS.lost) | search.after.is_on
+    is_unclear = (ended == ENDS.uncertain) | (ended == ENDS.lost) | search.after.goes_on
     failure = RESULTS.where(is_unclear, RESULTS.lost_branch, RESULTS.no_fold)
     failure = RESULTS.where(begun == RESULTS.successful, failure, begun)
     result = RESULTS.where(jnp.isfinite(residual), RESULTS.successful, RESULTS.nonfinite)

@@ -56,7 +56,7 @@ class Account(eqx.Module):
     Attributes:
         is_sound: whether the branch goes on behind them, and has not reached the last load before.
         agrees: whether they explain the index.
-        is_open: whether they do not, but another branch that crosses may.
+        is_unexplained: whether they do not, but another branch that crosses may.
         index: the index at the place behind, `UNKNOWN` too where that of its change is.
         expected: the index with which the branch goes on, `UNKNOWN` where it may be any.
         turn: the turn at one of them, or the bifurcation.
@@ -64,7 +64,7 @@ class Account(eqx.Module):
 
     is_sound: Flag
     agrees: Flag
-    is_open: Flag
+    is_unexplained: Flag
     index: Int[Array, ""]
     expected: Int[Array, ""]
     turn: TurnInStep
@@ -98,15 +98,15 @@ def events_in(trial: StepTrial) -> StepEvents:
     return StepEvents(fold, is_flat, beyond, *found, *opened)
 
 
-class Turning(eqx.Module):
+class IndexChange(eqx.Module):
     """How the load turns in a step, and how that changes the Morse index.
 
     Attributes:
         back: whether the load turns back at the active-set change.
         touches: whether a point touches there.
         is_tied: whether several points change sides there, at once.
-        change: the change of the index, without a sign where the load turns at a fold; until points
-            change sides at once.
+        change: the expected change of the Morse index, without a sign where the load turns at a
+            fold; unknown where several points change sides at once.
     """
 
     back: Flag
@@ -115,7 +115,7 @@ class Turning(eqx.Module):
     change: Int[Array, ""]
 
     @classmethod
-    def at(cls, trial: StepTrial, beyond: Beyond) -> "Turning":
+    def at(cls, trial: StepTrial, beyond: Beyond) -> "IndexChange":
         """Return how the load turns in a step that ends at a place beyond its events."""
         problem, _, target, judgement, reached = trial
         curve = problem.curve
@@ -143,19 +143,19 @@ def account_of(trial: StepTrial, events: StepEvents) -> Account:
     once.
     """
     problem, step, target, judgement, _ = trial
-    turning = Turning.at(trial, events.beyond)
-    is_tied = turning.is_tied
+    index_change = IndexChange.at(trial, events.beyond)
+    is_tied = index_change.is_tied
     index = jnp.where(is_tied & (events.opened_index < 0), UNKNOWN, events.index).astype(int)
-    before = jnp.where(is_tied & turning.touches, events.opened_index, index)
-    agrees = turning.explains(judgement.turns, step.expected, before)
-    splits = is_tied & ~turning.back & (index >= 0) & (index != events.opened_index)
+    before = jnp.where(is_tied & index_change.touches, events.opened_index, index)
+    agrees = index_change.explains(judgement.turns, step.expected, before)
+    splits = is_tied & ~index_change.back & (index >= 0) & (index != events.opened_index)
     if problem.to_limit:
         # A bifurcation is a limit, however long the step.
         agrees |= is_tied | ((step.index == 0) & (index > 0) & ~judgement.turns)
-        splits = is_tied & ~turning.back & (step.index == 0) & (index > 0)
+        splits = is_tied & ~index_change.back & (step.index == 0) & (index > 0)
     is_beyond = judgement.turns & problem.is_beyond(events.fold.at)
     opens = target.is_change & target.opens
-    expected = jnp.where(is_tied & opens, events.opened_index, index + (opens & turning.back))
+    expected = jnp.where(is_tied & opens, events.opened_index, index + (opens & index_change.back))
     is_unknown = (expected >= MOST) | (index < 0)
     if problem.to_limit:
         is_unknown |= is_tied
@@ -168,11 +168,11 @@ def account_of(trial: StepTrial, events: StepEvents) -> Account:
         is_sound=events.beyond.goes_on & events.is_flat & ~is_beyond,
         agrees=agrees,
         # The farther from a bifurcation, the smaller the part of the mode that does belong to it.
-        is_open=~agrees & ~splits & (step.length <= _ACROSS * problem.max_step),
+        is_unexplained=~agrees & ~splits & (step.length <= _ACROSS * problem.max_step),
         index=index,
         expected=jnp.where(is_unknown, UNKNOWN, expected).astype(int),
         turn=TurnInStep(
-            is_there=judgement.turns | turning.back | splits,
+            is_there=judgement.turns | index_change.back | splits,
             at=events.fold.at,
             kind=KINDS.where(splits, KINDS.bifurcation, kind),
             mode=mode,

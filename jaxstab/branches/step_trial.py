@@ -180,8 +180,8 @@ def target_of(problem: ContinuationProblem, step: ArclengthStep) -> Target:
     rounding = rounding_of_numbers(dtype) * curve.length(old.at)
     scale = jnp.maximum(reach, rounding / EQUILIBRIUM[dtype.name])
     ahead = on_plane(row, row.times(old.at) + reach, scale)
-    span = jnp.abs(problem.last - problem.first)
-    end = on_plane(curve.load_gradient, problem.last - curve.load_offset, span)
+    span = jnp.abs(problem.last_load - problem.first_load)
+    end = on_plane(curve.load_gradient, problem.last_load - curve.load_offset, span)
     event = at_change(curve, changes.point, opens, problem.max_step)
     condition = choose(is_change, event, choose(step.lands, end, ahead))
 

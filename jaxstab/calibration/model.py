@@ -159,9 +159,9 @@ class Model(eqx.Module):
         offset, baseline, tilt = values[-len(ZEROS) :]
         zero = (baseline + tilt * load.value) / self.area
         problem = pose(self.contact_at(values), load.at(load.value - offset))
-        gap = start_of(problem.contact, problem.state, start)
+        gap = start_of(problem.contact, problem.load, start)
         found = as_given(
-            solve(problem.contact, problem.state, PreconditionedConjugateGradient(), gap), problem
+            solve(problem.contact, problem.load, PreconditionedConjugateGradient(), gap), problem
         )
         is_found = found.result == RESULTS.successful
         return jnp.where(is_found, found.mean_pressure, jnp.nan) + zero, found.gap

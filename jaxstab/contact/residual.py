@@ -157,8 +157,8 @@ def balance_of(
         resisting = jnp.where(conforming > 0, resisting, whole)
         # On a core stiffer than any wave, a point is as far off as its own stiffness says, unless
         # that is beyond all numbers.
-        share = jnp.where(curvature == jnp.inf, 1, stiffest / jnp.maximum(curvature, stiffest))
-        squares = elastic**2 + (share * resisting) ** 2, (share * imbalance) ** 2, gap**2
+        ratio = jnp.where(curvature == jnp.inf, 1, stiffest / jnp.maximum(curvature, stiffest))
+        squares = elastic**2 + (ratio * resisting) ** 2, (ratio * imbalance) ** 2, gap**2
         work = pressures.displacement * elastic
         fields = [work, pressures.density, gap, *squares]
         if pressures.plastic is not None:
@@ -173,14 +173,16 @@ def balance_of(
         mean_gap = level
         if solid.punch is not None:
             mean_gap = control.mean_gap_of(gap)
-        balancing, residual, size = jnp.sqrt(sums[3:6] / gap.size)
-        scale = scale_of(balancing, smallest_scale, stiffest, size)
+        balancing, imbalance_rms, gap_rms = jnp.sqrt(sums[3:6] / gap.size)
+        scale = scale_of(balancing, smallest_scale, stiffest, gap_rms)
         is_nearly_flat = (spread > 0) & (spread < _FLAT * level)
-        residual = jnp.where(residual == 0, 0, residual / jnp.where(residual == 0, 1, scale))
+        residual = jnp.where(
+            imbalance_rms == 0, 0, imbalance_rms / jnp.where(imbalance_rms == 0, 1, scale)
+        )
         # A light load is all that keeps the surfaces where they are.
         # So it counts in full where the scale is rounding, which has no mean.
-        share = jnp.where(is_nearly_flat, 1, _MEAN_SHARE)
-        mean_imbalance = share * control.mean_imbalance(imbalance, attraction, gap)
+        weight = jnp.where(is_nearly_flat, 1, _MEAN_SHARE)
+        mean_imbalance = weight * control.mean_imbalance(imbalance, attraction, gap)
         return Balance(
             net=net,
             curvature=curvature,

@@ -163,8 +163,8 @@ class IterativeSolver(eqx.Module):
 
         def goes_on(carry: tuple[Iteration[State], Indicators, Int[Array, ""]]) -> Flag:
             iteration, *_ = carry
-            is_open = iteration.result == RESULTS.max_steps_reached
-            return is_open & (iteration.num_steps < limit)
+            is_unfinished = iteration.result == RESULTS.max_steps_reached
+            return is_unfinished & (iteration.num_steps < limit)
 
         def further(carry: tuple[Iteration[State], Indicators, Int[Array, ""]]) -> tuple:
             old, best, best_step = carry

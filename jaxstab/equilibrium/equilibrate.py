@@ -25,7 +25,7 @@ from jaxstab.equilibrium.equilibrium import (
     State,
     equilibrium_at,
 )
-from jaxstab.equilibrium.posing import Posed, finish, pose, warn_at_edges
+from jaxstab.equilibrium.posing import PosedLoad, finish, pose, warn_at_edges
 from jaxstab.equilibrium.solvers.base import EquilibriumSolver, Problem
 from jaxstab.equilibrium.solvers.base import State as SolverState
 from jaxstab.equilibrium.solvers.conjugate_gradients import PreconditionedConjugateGradient
@@ -96,7 +96,7 @@ def equilibrate(
     solver = solver_or_default(solver, EquilibriumSolver, PreconditionedConjugateGradient)
     warn_if_coarse(contact)
     problem = pose(contact, load)
-    start = start_of(problem.contact, problem.state, initial)
+    start = start_of(problem.contact, problem.load, initial)
     return equilibrium_from(start, contact, load, problem, solver, throw)
 
 
@@ -104,12 +104,12 @@ def equilibrium_from(
     start: Field,
     contact: Contact,
     load: Load,
-    problem: Posed[Load],
+    problem: PosedLoad,
     solver: EquilibriumSolver,
     throw: bool,
 ) -> Equilibrium:
     """Return the equilibrium of a contact under a load, given both as they are posed too."""
-    found = solve(problem.contact, problem.state, solver, start)
+    found = solve(problem.contact, problem.load, solver, start)
     equilibrium = finish(found, problem, partial(_describe, contact), throw)
     # As it was given, without the rounding of conversions.
     equilibrium = replace(equilibrium, load=load)
@@ -172,8 +172,9 @@ def conclude(contact: Contact, load: Load, iteration: Iteration[SolverState]) ->
     control = contact.control(load)
     gap = iteration.state.gap
     balance = iteration.state.balance
-    is_finite = jnp.isfinite(balance.energy) & control.is_met(gap)
-    result = RESULTS.where(is_finite, iteration.result, RESULTS.nonfinite)
+    # A solver keeps its gap under the load, unless a number in it is none.
+    is_valid_gap = jnp.isfinite(balance.energy) & control.is_met(gap)
+    result = RESULTS.where(is_valid_gap, iteration.result, RESULTS.nonfinite)
     if contact.solid.is_window:
         is_sunk = jnp.sum(gap <= 0) > jnp.sum(contact.solid.surface(gap <= 0))
         result = RESULTS.where(is_sunk, RESULTS.sunk, result)

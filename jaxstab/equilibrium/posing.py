@@ -8,7 +8,7 @@ find is brought back once.
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
-from typing import Generic, Protocol, Self, TypeVar
+from typing import Protocol, Self, TypeVar
 
 import equinox as eqx
 import jax
@@ -46,32 +46,45 @@ State = TypeVar("State", Load, Equilibrium)
 Found = TypeVar("Found", bound=_Result)
 
 
-class Posed(eqx.Module, Generic[State]):
-    """A contact and its load, or one of its equilibria, on the grid and in the unit of solvers.
+class Posed(eqx.Module):
+    """A contact on the grid and in the unit of solvers.
 
     Attributes:
         contact: the contact.
-        state: its load, or an equilibrium.
         unit: the characteristic pressure, in the unit of the user [pressure].
     """
 
     contact: Contact
-    state: State
     unit: Scalar
 
 
-def pose(contact: Contact, load: Load) -> Posed[Load]:
+class PosedLoad(Posed):
+    """A contact and its load, or several, as they are solved."""
+
+    load: Load
+
+
+class PosedEquilibrium(Posed):
+    """A contact and one of its equilibria, as they are solved."""
+
+    equilibrium: Equilibrium
+
+
+def pose(contact: Contact, load: Load) -> PosedLoad:
     """Return a contact and a load, or several, as they are solved."""
-    return _pose(contact.padded, load)
+    own, unit = _pose(contact.padded)
+    return PosedLoad(own, unit, _in_units_of(load, unit))
 
 
-def posed_state(contact: Contact, equilibrium: Equilibrium) -> Posed[Equilibrium]:
+def posed_state(contact: Contact, equilibrium: Equilibrium) -> PosedEquilibrium:
     """Return a contact and one of its equilibria, on the grid and in the unit of solvers.
 
     A contact that yields is the one over the surface that the state leaves, on which it is an
     equilibrium without indentation.
     """
-    return _pose(*padded_state(*as_left(contact, equilibrium)))
+    padded_contact, padded_equilibrium = padded_state(*as_left(contact, equilibrium))
+    own, unit = _pose(padded_contact)
+    return PosedEquilibrium(own, unit, _in_units_of(padded_equilibrium, unit))
 
 
 def as_left(contact: Contact, equilibrium: Equilibrium) -> tuple[Contact, Equilibrium]:
@@ -106,10 +119,9 @@ def indented_by(found: Equilibrium, before: Equilibrium) -> Equilibrium:
     )
 
 
-def _pose(contact: Contact, state: State) -> Posed[State]:
+def _pose(contact: Contact) -> tuple[Contact, Scalar]:
     contact = eqx.tree_at(lambda contact: contact.solid, contact, contact.solid.prepared)
-    own, unit = _in_characteristic_pressure(contact.known_core, contact)
-    return Posed(own, _in_units_of(state, unit), unit)
+    return _in_characteristic_pressure(contact.known_core, contact)
 
 
 # A program of its own, which all kinds of loads and states share.

@@ -16,9 +16,9 @@ from jaxstab.equilibrium.posing import posed_state
 def verify(contact: Contact, equilibrium: Equilibrium) -> RESULTS:
     """Return whether a state is in equilibrium in this contact, under its load."""
     problem = posed_state(contact, equilibrium)
-    control = problem.contact.control(problem.state.load)
-    balance = problem.contact.balance(control)(problem.state.gap)
-    return verify_balance(balance, problem.contact, problem.state)
+    control = problem.contact.control(problem.equilibrium.load)
+    balance = problem.contact.balance(control)(problem.equilibrium.gap)
+    return verify_balance(balance, problem.contact, problem.equilibrium)
 
 
 def verify_balance(balance: Balance, contact: Contact, equilibrium: Equilibrium) -> RESULTS:

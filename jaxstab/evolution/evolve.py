@@ -35,7 +35,7 @@ from jaxstab.core.stack import stack_of
 from jaxstab.core.types import ArrayLike, Scalar
 from jaxstab.core.warn import warn
 from jaxstab.equilibrium import Equilibrium
-from jaxstab.equilibrium.posing import Posed, as_given, pose
+from jaxstab.equilibrium.posing import PosedLoad, as_given, pose
 from jaxstab.equilibrium.start import start_of
 from jaxstab.evolution.evolution import (
     Evolution,
@@ -150,8 +150,8 @@ def evolve(
     known, known_times, known_start, known_tolerance = jax.lax.stop_gradient(inputs)
     # Leg by leg it is one program, whatever the evolution keeps.
     keeps_memory = fields or is_alone
-    stepping = TimeStepping(known.contact, known.state[0], known_tolerance, keeps_memory)
-    legs = legs_between(concrete(known_times), concrete(known.state.value))
+    stepping = TimeStepping(known.contact, known.load[0], known_tolerance, keeps_memory)
+    legs = legs_between(concrete(known_times), concrete(known.load.value))
     steps: Steps = known_start, no_increments(room, instants.dtype)
     if is_alone:
         with progress_bar("evolution", legs.number.size, "time", shown=progress) as bar:
@@ -197,10 +197,10 @@ def _endless_step(times: Array) -> Scalar:
     return times[-1] / jnp.finfo(times.dtype).eps ** 2
 
 
-def _start(problem: Posed[Load], initial: Any) -> StepRecord:
+def _start(problem: PosedLoad, initial: Any) -> StepRecord:
     """Return the record at the first time."""
     contact = problem.contact
-    load = problem.state[0]
+    load = problem.load[0]
     dtype = contact.heights.dtype
     if isinstance(initial, Evolution):
         memory = initial.memory
@@ -250,14 +250,14 @@ def _leg_by_leg(
 @program
 def _evolution(
     contact: Contact,
-    problem: Posed[Load],
+    problem: PosedLoad,
     times: Float[Array, " times"],
     start: StepRecord,
     steps: Steps,
     ends: LegEnd,
 ) -> Evolution:
     """Return the evolution of a contact to the ends that were reached, with derivatives."""
-    inputs = problem.contact, problem.state, times, start
+    inputs = problem.contact, problem.load, times, start
     record, increments = steps
     legs, _, fractions, losses, pressures = increments.rows
     pressures = jnp.append(ends.totals.mean_pressure[:1], pressures)
@@ -278,7 +278,7 @@ def _evolution(
     evolution = Evolution(
         **vars(totals) | {"stored": totals.stored - totals.stored[0]},
         contact=contact,
-        load=problem.state[:number],
+        load=problem.load[:number],
         times=times[:number],
         force=totals.mean_pressure * contact.area,
         largest_tension=tension,

@@ -54,7 +54,7 @@ def growth_rate(evolution: Evolution) -> Scalar:
     contact, equilibrium = evolution.instant
     solid: Any = evolution.contact.solid
     problem = posed_state(contact, equilibrium)
-    equilibrium = problem.state
+    equilibrium = problem.equilibrium
     glassy = _glassy_stiffening(solid)
     inputs = glassy, problem.contact, equilibrium.load, equilibrium.gap
     found = _singular_stiffening(equilibrium.reaction, *jax.lax.stop_gradient(inputs))

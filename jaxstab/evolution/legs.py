@@ -132,8 +132,8 @@ def _follow_leg(stepping: TimeStepping, steps: Steps, leg: Leg) -> tuple[Steps, 
     def goes_on(carry: Carry) -> Flag:
         record, increments, fraction = carry
         # Under JAX transformations nothing has refused times that do not increase.
-        is_open = (fraction < 1) & (span > 0) & (increments.count + 1 < room)
-        return is_open & (record.result == RESULTS.successful)
+        has_time = (fraction < 1) & (span > 0) & (increments.count + 1 < room)
+        return has_time & (record.result == RESULTS.successful)
 
     def step(carry: Carry) -> Carry:
         old, increments, start = carry

@@ -38,7 +38,7 @@ if TYPE_CHECKING:
     import xarray
 
 # Dimensions, values and attributes.
-Variable = tuple[Sequence[str], np.ndarray, dict[str, str]]
+DataVariable = tuple[Sequence[str], np.ndarray, dict[str, str]]
 Result = (
     Equilibrium
     | Stability
@@ -215,7 +215,7 @@ def _axes(
     else:
         stacked = len(result.stack_shape)
         last = "load" if isinstance(result, Sweep) else "state"
-        axes = (*(f"lane_{i}" for i in range(stacked - 1)), last)[:stacked]
+        axes = (*(f"batch_{i}" for i in range(stacked - 1)), last)[:stacked]
         own = {name: (*axes, *last) for name, last in own.items()}
         field = states.cone.mode if isinstance(states, Stability) else states.gap
     cure = "give the contact that it came from."
@@ -243,7 +243,7 @@ def _require_own(contact: Contact, states: PyTree) -> None:
             )
 
 
-def _variable(record: NamedArray, contact: Contact, load: Load | None) -> Variable:
+def _variable(record: NamedArray, contact: Contact, load: Load | None) -> DataVariable:
     *holders, field = (word for word in record.path if word not in ("table", "contact"))
     dimension = record.dimension
     if field == "value" and holders[-1:] == ["load"] and load is not None:

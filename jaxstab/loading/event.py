@@ -60,7 +60,7 @@ class Event(eqx.Module):
         return _equilibrium_unless(self.is_pulled, contact, load, self.after)
 
 
-def load_before(load: Load, point: PathPoint) -> Load:
+def load_on_indented(load: Load, point: PathPoint) -> Load:
     """Return a load as one for the surface that a state leaves."""
     if point.indentation is None:
         return load
@@ -114,7 +114,7 @@ def _state(contact: Contact, load: Load, point: PathPoint) -> Equilibrium:
 
 @program
 def _indented_state(contact: Contact, load: Load, point: PathPoint) -> Equilibrium:
-    state = state_at(contact.after(point), load_before(load, point), point.gap)
+    state = state_at(contact.after(point), load_on_indented(load, point), point.gap)
     indentation, plastic_work = point.indentation, point.plastic_work
     return replace(state, load=load, indentation=indentation, plastic_work=plastic_work)
 

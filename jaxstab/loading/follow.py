@@ -148,8 +148,8 @@ def follow(
     load.warn_if_soft(contact.solid)
     problem = pose(contact, load)
     initial = initial_of_path(contact, load[0], initial)
-    start = start_of(problem.contact, problem.state[0], initial)
-    inputs = problem.contact, problem.state
+    start = start_of(problem.contact, problem.load[0], initial)
+    inputs = problem.contact, problem.load
     others = start, least, noise
     constants = jax.lax.stop_gradient((*inputs, *others))
     with own_conventions(), progress_bar("path", 100, "%", shown=progress, inputs=constants):
@@ -205,7 +205,7 @@ def _known_path(fields: bool, load_path: LoadPath, start: Field) -> Path:
             raise
         was_interrupted = True
     search = recording.search
-    is_cut = bool(search.is_open(load))
+    is_cut = bool(search.goes_on(load))
     result = search.result
     if is_cut:
         result = RESULTS.interrupted

@@ -55,7 +55,7 @@ class Bisection(eqx.Module):
     nearness: Scalar
 
     @property
-    def is_on(self) -> Flag:
+    def is_active(self) -> Flag:
         """Whether there is such a load."""
         return jnp.isfinite(self.distance)
 
@@ -65,25 +65,25 @@ class PathSearch(eqx.Module):
 
     Attributes:
         here: the last state accepted.
-        last: the state before.
+        previous: the state accepted before that.
         next_length: the length of the next step.
         bisection: for the end of the branch.
         leg: the number of the leg of the load path, from one turning point to the next.
         is_apart: whether the load has pulled the surfaces apart.
-        last_state: the number of the last state recorded.
+        state_number: the number of the last state recorded.
         result: how it went so far.
     """
 
     here: PathPoint
-    last: PathPoint
+    previous: PathPoint
     next_length: Scalar
     bisection: Bisection
     leg: Int[Array, ""]
     is_apart: Flag
-    last_state: Int[Array, ""]
+    state_number: Int[Array, ""]
     result: RESULTS
 
-    def is_open(self, load: Load) -> Flag:
+    def goes_on(self, load: Load) -> Flag:
         """Return whether there is a step to take along a load path."""
         # NumPy compiles nothing.
         is_before_end = concrete(self.leg) < load.value.size - 1
@@ -160,7 +160,7 @@ def next_step(load_path: LoadPath, search: PathSearch) -> TrialStep:
     # Where it failed by its length alone, the rest of the step is right.
     tries_whole = (bisection.distance <= bisection.nearness) | (bisection.error <= 1)
     within = jnp.where(tries_whole, bisection.distance, bisection.distance / 2)
-    length = jnp.minimum(jnp.where(bisection.is_on, within, search.next_length), left)
+    length = jnp.minimum(jnp.where(bisection.is_active, within, search.next_length), left)
     # No step is left over that is shorter than jumps are located.
     is_end = left <= length + load_path.resolution
     length = jnp.where(is_end, left, length)
@@ -168,19 +168,19 @@ def next_step(load_path: LoadPath, search: PathSearch) -> TrialStep:
     distance = bisection.distance
     if load_path.finds_all:
         distance = length
-    is_final = bisection.is_on & (distance <= bisection.nearness)
+    is_final = bisection.is_active & (distance <= bisection.nearness)
     change = jnp.sign(target - here.value) * length
     value = jnp.where(is_end, target, here.value + change)
-    moved = here.signed_gap - search.last.signed_gap
-    rate = moved / _nonzero(here.value - search.last.value)
+    moved = here.signed_gap - search.previous.signed_gap
+    rate = moved / _nonzero(here.value - search.previous.value)
     # At the end of a branch the energy is lowered from its last state.
-    stays = bisection.is_on
+    stays = bisection.is_active
     if load_path.finds_all:
         stays = is_final
-    moves = here.value != search.last.value
+    moves = here.value != search.previous.value
     if here.indentation is not None:
         # A surface that yields does not go back as it came.
-        moves = change * (here.value - search.last.value) > 0
+        moves = change * (here.value - search.previous.value) > 0
         stays |= ~moves
     gap = here.gap + jnp.where(stays, 0, change * rate)
     gap = jnp.where(search.is_apart, load_path.apart(here), gap)
@@ -193,10 +193,10 @@ def next_step(load_path: LoadPath, search: PathSearch) -> TrialStep:
 def _least_potential(load_path: LoadPath, search: PathSearch, change: Scalar) -> Scalar:
     """Return the potential below which a state ahead of the last lies on another branch."""
     here = search.here
-    last = search.last
-    slope = (here.force - last.force) / _nonzero(here.value - last.value)
+    previous = search.previous
+    slope = (here.force - previous.force) / _nonzero(here.value - previous.value)
     predicted = here.potential + change * (here.force + change * slope / 2)
-    fall = jnp.where(search.bisection.is_on, _MAX_FALL_IN_BISECTION, _MAX_FALL)
+    fall = jnp.where(search.bisection.is_active, _MAX_FALL_IN_BISECTION, _MAX_FALL)
     return predicted - fall * load_path.smallest_loss(here)
 
 
@@ -205,13 +205,13 @@ def _outcome_of(
 ) -> StepOutcome:
     """Return the meaning of a step: whether it is on the branch, and the loss if it is a jump."""
     here = search.here
-    last = search.last
+    previous = search.previous
     value = trial.value
     is_found = result == RESULTS.successful
     change = value - here.value
-    before = here.value - last.value
+    before = here.value - previous.value
     slope = (new.force - here.force) / _nonzero(change)
-    turn = (slope - (here.force - last.force) / _nonzero(before)) / _nonzero(change + before)
+    turn = (slope - (here.force - previous.force) / _nonzero(before)) / _nonzero(change + before)
     # The error of the trapezoid, where F is a parabola through three states.
     is_known = (change * before > 0) & load_path.finds_all
     curved = jnp.where(is_known, turn * change**3 / 6, 0)
@@ -256,8 +256,8 @@ def apply_step(
     lost = jnp.where(outcome.is_pulled | outcome.is_touch, jnp.nan, outcome.dissipation)
     new = replace(found, dissipation=search.here.dissipation + jnp.where(is_event, lost, 0))
     here = choose(accepts, new, search.here)
-    last = choose(accepts, search.here, search.last)
-    last = choose(is_event, here, last)
+    previous = choose(accepts, search.here, search.previous)
+    previous = choose(is_event, here, previous)
     is_apart = (search.is_apart & ~outcome.is_touch) | outcome.is_pulled
     is_state = accepts & ~is_apart
 
@@ -267,12 +267,12 @@ def apply_step(
     has_failed = outcome.is_lost & (trial.is_end | (trial.length > load_path.max_step / FARTHER))
     after = PathSearch(
         here=here,
-        last=last,
-        next_length=jnp.where(accepts & ~bisection.is_on, next_length, search.next_length),
+        previous=previous,
+        next_length=jnp.where(accepts & ~bisection.is_active, next_length, search.next_length),
         bisection=bisection,
         leg=search.leg + (accepts & trial.is_end),
         is_apart=is_apart,
-        last_state=search.last_state + is_state,
+        state_number=search.state_number + is_state,
         result=RESULTS.where(has_failed, equilibrium.result, search.result),
     )
     event = Event(
@@ -280,7 +280,7 @@ def apply_step(
         after=here,
         ahead=here.value - search.here.value,
         dissipation=lost,
-        state=search.last_state,
+        state=search.state_number,
         is_jump=outcome.is_jump,
         is_pulled=outcome.is_pulled,
         is_touch=outcome.is_touch,
@@ -314,7 +314,7 @@ def _next_length(
     growth = jnp.cbrt(_AIM / jnp.maximum(outcome.error, jnp.finfo(outcome.error.dtype).tiny))
     next_length = jnp.minimum(trial.length * jnp.clip(growth, 0.5, 2), load_path.max_step)
     # A load that was only too far away is passed by steps that grow again.
-    next_length = jnp.where(search.bisection.is_on, 2 * trial.length, next_length)
+    next_length = jnp.where(search.bisection.is_active, 2 * trial.length, next_length)
     # A step cut short by the end of a leg, to no length even, says nothing against a long one.
     next_length = jnp.where(trial.is_end, jnp.maximum(next_length, search.next_length), next_length)
     next_length = jnp.where(outcome.is_event, load_path.first_step, next_length)

@@ -15,7 +15,7 @@ from jaxstab.core.types import ArrayLike, Field, Scalar
 from jaxstab.equilibrium import Equilibrium, PreconditionedConjugateGradient
 from jaxstab.equilibrium.equilibrate import find
 from jaxstab.equilibrium.solvers.conjugate_gradients import MAX_MOVE_IN_JUMP
-from jaxstab.loading.event import load_before
+from jaxstab.loading.event import load_on_indented
 from jaxstab.loads import Load
 from jaxstab.states.point import PathPoint
 
@@ -111,7 +111,7 @@ class LoadPath(eqx.Module):
             before = self._supply(contact, load, here.signed_gap) + here.plastic_work
             contact = contact.after(here)
             heights = contact.heights
-            load = load_before(load, here)
+            load = load_on_indented(load, here)
             least_potential += self._supply(contact, load, here.gap) - before
         dtype = gap.dtype
         # Contact points stay where they are.

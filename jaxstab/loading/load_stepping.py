@@ -59,7 +59,7 @@ def step_to_end(
 
     def goes_on(state: tuple[PathSearch, Store]) -> Flag:
         search, store = state
-        return search.is_open(load_path.load) & ~concrete(store.is_full)
+        return search.goes_on(load_path.load) & ~concrete(store.is_full)
 
     def step(state: tuple[PathSearch, Store]) -> tuple[PathSearch, Store]:
         search, store = state
@@ -97,12 +97,12 @@ def _first_state(load_path: LoadPath, found: Equilibrium) -> tuple[PathSearch, R
     no = jnp.array(False)
     search = PathSearch(
         here=here,
-        last=here,
+        previous=here,
         next_length=load_path.first_step,
         bisection=Bisection(zero + jnp.inf, zero, load_path.resolution),
         leg=none,
         is_apart=no,
-        last_state=none,
+        state_number=none,
         result=result,
     )
     return search, Record(here, yes, no_event(here), no)

@@ -49,11 +49,11 @@ def pull_off(
 ) -> CriticalLoad:
     """Return the largest tension that a contact survives as it is unloaded, and how it ends.
 
-    The contact is followed as by `jaxstab.follow`: unlike `critical_load`, this finds the last
-    jump, whatever jumps come before. Under a dead load no state remains. With a machine of finite
-    stiffness the contact may survive a jump: the jump from the largest tension counts. If the
-    machine is so stiff that tension passes a maximum without a jump, that maximum is larger. Jumps
-    that lose about 1e-4 of the problem's characteristic energy may be passed over (`follow`).
+    The contact is followed as by `jaxstab.follow`: unlike `critical_load`, this finds the jump from
+    the largest tension, whatever jumps come before. Under a dead load no state remains. With a
+    machine of finite stiffness the contact may survive that jump. If the machine is so stiff that
+    tension passes a maximum without a jump, that maximum is larger. Jumps that lose about 1e-4 of
+    the problem's characteristic energy may be passed over (`follow`).
 
     Arguments:
         contact: the contact problem.
@@ -88,7 +88,7 @@ def pull_off(
     with warned_once(contact, FOR_JUMPS):
         first, gap = _start(jax.lax.stop_gradient(contact), initial)
     problem = pose(contact, first)
-    here, first = jax.lax.stop_gradient((problem.contact, problem.state))
+    here, first = jax.lax.stop_gradient((problem.contact, problem.load))
     start = posed_gap(here, first, gap)
     if machine is None:
         load: Load = dead_load(here, first.value)

@@ -17,7 +17,7 @@ from jaxstab.core.control_flow import by_entries, cond
 from jaxstab.core.results import RESULTS
 from jaxstab.core.stack import first_entries
 from jaxstab.core.types import Field, Scalar
-from jaxstab.loading.event import Event, load_before, no_event
+from jaxstab.loading.event import Event, load_on_indented, no_event
 from jaxstab.loading.jump_detection import PathSearch
 from jaxstab.loading.load_path import LoadPath
 from jaxstab.loading.load_stepping import step_to_end
@@ -47,7 +47,7 @@ def path_with_room(room: Room, load_path: LoadPath, start: Field) -> Path:
     contact = load_path.contact
     load = load_path.load
     ended, tables = step_to_end(load_path, start, room)
-    is_short = ended.is_open(load)
+    is_short = ended.goes_on(load)
     result = RESULTS.where(is_short, RESULTS.store_full, ended.result)
     path = _path(load_path, ended.here, tables.last, result, tables.states.rows)
     return replace(path, jumps=jax.lax.map(partial(_jump, contact, load), tables.events.rows))
@@ -81,7 +81,7 @@ def _jump(contact: Contact, loads: Load, event: Event) -> Jump:
     def explain() -> tuple[KINDS, Field, BarrierLaw]:
         # The branch of the surface as it is before the jump, which yields no further.
         as_it_is = contact.after(event.before).elastic
-        here = load_before(load, event.before)
+        here = load_on_indented(load, event.before)
         return _explanation(as_it_is, limit_ahead(as_it_is, here, event.before.gap, event.ahead))
 
     kind, mode, law = cond(event.is_jump, explain, lambda: _no_explanation(load, event))

@@ -201,7 +201,7 @@ class _SweepProblem(eqx.Module):
         """Return the state at one load, and where the next load starts."""
         contact = self.contact
         problem = pose(contact, load)
-        inputs = problem.contact, problem.state
+        inputs = problem.contact, problem.load
 
         def start_together() -> Field:
             return cond(

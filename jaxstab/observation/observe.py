@@ -171,8 +171,8 @@ def _gaps(contact: Contact, equilibrium: States | Equilibrium) -> np.ndarray:
 
 def _equilibrium_at(contact: Contact, load: Load, gap: np.ndarray) -> Equilibrium:
     problem = pose(contact, load)
-    start = posed_gap(problem.contact, problem.state, jax.device_put(gap))
-    return as_given(state_at(problem.contact, problem.state, start), problem)
+    start = posed_gap(problem.contact, problem.load, jax.device_put(gap))
+    return as_given(state_at(problem.contact, problem.load, start), problem)
 
 
 def _row(observable: Callable[..., Any], contact: Contact, state: Equilibrium) -> Observable:

@@ -137,7 +137,7 @@ def assess_stability(
     key = key_or_default(key)
     orders = require_orders(contact, orders)
     problem = posed_state(contact, equilibrium)
-    inputs = problem.contact, problem.state
+    inputs = problem.contact, problem.equilibrium
     solver = solver.in_units_of(problem.unit)
     constants = jax.lax.stop_gradient((*inputs, solver, key, jax.device_put(verdict_only)))
     watch = progress_bar("stability", _NUM_SEARCHES, "search", shown=progress, inputs=constants)
@@ -171,15 +171,15 @@ def _assess(
 def _stability(equilibrium: Equilibrium, state: AssessedState, found: SmallestPairs) -> Stability:
     """Return the verdict on the eigenpairs of a search."""
     found = found.in_order()
-    softest = jnp.abs(found.hull.eigenvalue)
-    pairs = found.lower_bound, found.cone, found.critical, found.hull
-    lower_bound, cone, critical, hull = state.with_error_of_state(pairs, softest)
+    softest = jnp.abs(found.critical_hull.eigenvalue)
+    pairs = found.lower_bound, found.cone, found.critical, found.critical_hull
+    lower_bound, cone, critical, critical_hull = state.with_error_of_state(pairs, softest)
     # On a smaller set the smallest is not lower.
     cone = replace(cone, bound=jnp.maximum(cone.bound, lower_bound.bound))
     critical = replace(critical, bound=jnp.maximum(critical.bound, cone.bound))
     result = first_failure(lower_bound, cone, critical)
     # Where all points in doubt may move and nothing gives way, nothing does where they stay.
-    holds = (critical.sign > 0) | (hull.sign > 0)
+    holds = (critical.sign > 0) | (critical_hull.sign > 0)
     verdict = VERDICTS.where(
         result == RESULTS.successful,
         verdict_on(lower_bound, cone, critical, holds),

@@ -106,12 +106,12 @@ def start_from_hull(solver: ProjectedLOBPCG, cone: AdmissibleCone, hull: Lowest)
 
 @program
 def start_from_coarse(
-    problem: ConeProblem, around: Minimum, coarse: Minimum, fine: Field
+    problem: ConeProblem, coarse_hull: Minimum, coarse: Minimum, fine: Field
 ) -> ConeStart:
     """Return the mode of a coarser problem as the start on a cone, at the cost of two searches."""
     eigenvalue, mode, _ = admissible_pair(problem.operator, problem.domain, coarse.vector)
     no = jnp.array(False)
-    cost = _cost_of(fine, around, coarse)
+    cost = _cost_of(fine, coarse_hull, coarse)
     return ConeStart(_refine(mode, fine), jnp.any(mode != 0), no, eigenvalue, cost)
 
 

@@ -92,12 +92,12 @@ class AdmissibleCone(eqx.Module):
         """The smallest linear space around the cone."""
         return Subspace(self.is_moving, self.fixes_mean)
 
-    def hull_if(self, is_open: Flag) -> "AdmissibleCone":
-        """Return the cone, or if it is open the linear space around it.
+    def hull_if(self, drops_constraints: Flag) -> "AdmissibleCone":
+        """Return the cone, or if it drops its constraints the linear space around it.
 
         Of a space with no other field than zero all projections are exactly zero.
         """
-        changed = self.one_sided & ~is_open, self.is_trivial & ~is_open
+        changed = self.one_sided & ~drops_constraints, self.is_trivial & ~drops_constraints
         return eqx.tree_at(lambda cone: (cone.one_sided, cone.is_trivial), self, changed)
 
     def inward(self, field: Field) -> Field:

@@ -89,13 +89,13 @@ class SmallestPairs(eqx.Module):
         lower_bound: on all perturbations that the load allows.
         cone: on V0+.
         critical: on the critical cone.
-        hull: on the linear space around the critical cone.
+        critical_hull: on the linear space around the critical cone.
     """
 
     lower_bound: Eigenpair
     cone: Eigenpair
     critical: Eigenpair
-    hull: Eigenpair
+    critical_hull: Eigenpair
 
     def without(self, name: str) -> "SmallestPairs":
         """Return the same, with one of the pairs not computed."""
@@ -113,12 +113,12 @@ class SmallestPairs(eqx.Module):
             "bound": array(-np.inf, dtype),
             "result": result,
         }
-        pairs = self.lower_bound, self.cone, self.critical, self.hull
+        pairs = self.lower_bound, self.cone, self.critical, self.critical_hull
         return SmallestPairs(*(replace(pair, **changes) for pair in pairs))
 
     def in_order(self) -> "SmallestPairs":
         """Return pairs of which none is above one on a smaller cone."""
-        critical = with_cost(cost_of(self.hull), self.critical)
+        critical = with_cost(cost_of(self.critical_hull), self.critical)
         on_critical = critical.eigenvalue, critical.mode
         cone = lower(self.cone, *on_critical)
         on_cone = cone.eigenvalue, cone.mode
@@ -186,7 +186,7 @@ def covering_doubt(problems: Eigenproblems, found: SmallestPairs) -> SmallestPai
     v0 = problems.cone.domain
     near = problems.nearly_touching
     critical = found.critical
-    hull = found.hull
+    hull = found.critical_hull
     cone = found.cone
     held = Subspace(~(v0.one_sided | near), v0.fixes_mean)
     above, _, _ = admissible_pair(hessian.restriction(held.is_moving), held, critical.mode)

@@ -81,7 +81,7 @@ def lowest_modes(
     most = problem.contact.grid.size - contact.control(equilibrium.load).fixes_mean
     require("count", count, count <= most, f"{most} directions are admissible: ask for fewer.")
     problem = refuse_derivatives(problem)
-    pairs = _search(count, space == "critical", problem.contact, problem.state, solver, key)
+    pairs = _search(count, space == "critical", problem.contact, problem.equilibrium, solver, key)
     return finish(pairs, problem, _describe, throw)
 
 

@@ -102,7 +102,7 @@ def modes_around(solver: SpaceSolver, problem: ConeProblem, starts: Block) -> tu
 def mode_on_cone(
     solver: ConeSolver,
     problem: ConeProblem,
-    around: RESULTS,
+    hull_result: RESULTS,
     modes: Block,
     random: Block,
     before: Field | None = None,
@@ -114,7 +114,7 @@ def mode_on_cone(
     if before is not None:
         random = jnp.concatenate([before[None], random])
     cone = problem.domain
-    starts, is_needed, is_answer = cone_starts(solver, cone, around, modes, random)
+    starts, is_needed, is_answer = cone_starts(solver, cone, hull_result, modes, random)
     return solver.solve(problem.operator, cone, starts, is_needed), is_answer
 
 
@@ -161,7 +161,7 @@ def _pair_of(
 
 
 def cone_starts(
-    solver: ConeSolver, cone: AdmissibleCone, around: RESULTS, modes: Block, random: Block
+    solver: ConeSolver, cone: AdmissibleCone, hull_result: RESULTS, modes: Block, random: Block
 ) -> ConeStarts:
     """Return starts on a cone, which of them are needed, and whether the first is the answer.
 
@@ -172,7 +172,7 @@ def cone_starts(
     on_contact = jnp.where(cone.one_sided, cone.inward(modes[0]), 0)
     entering, away = norms([jnp.minimum(on_contact, 0), jnp.maximum(on_contact, 0)])
     is_admissible = jnp.minimum(entering, away) <= solver.tolerance_in(entering.dtype)
-    is_answer = (around == RESULTS.successful) & is_admissible
+    is_answer = (hull_result == RESULTS.successful) & is_admissible
     lowest = jnp.where(is_answer & (away < entering), -modes[0], modes[0])
     starts = jnp.concatenate([lowest[None], modes[1:2], -modes[:2], random])
     is_needed = ~is_answer | (jnp.arange(len(starts)) == 0)

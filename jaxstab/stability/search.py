@@ -55,37 +55,39 @@ def smallest_eigenpairs(
         fast = ProjectedLOBPCG(solver.tolerance_in(problems.cone.operator.curvature.dtype))
 
     # All perturbations that the load allows: the linear space around the cone.
-    around = lowest_on_hull(spaces, problems.cone, key)
-    advance_if_known(around)
-    is_proved = stops_early & (concrete(around.sign) > 0)
+    lower_bound = lowest_on_hull(spaces, problems.cone, key)
+    advance_if_known(lower_bound)
+    is_proved = stops_early & (concrete(lower_bound.sign) > 0)
 
     # The critical cone: a linear space, unless some point touches without pressing.
-    is_open = touches & ~is_proved
+    is_undecided = touches & ~is_proved
     problem = problems.critical_cone
     hull = cond(
-        is_open, lambda: lowest_on_hull(spaces, problem, key), lambda: around.known_before()
+        is_undecided,
+        lambda: lowest_on_hull(spaces, problem, key),
+        lambda: lower_bound.known_before(),
     )
-    is_weak = is_open & concrete(problems.is_weak)
+    is_weak = is_undecided & concrete(problems.is_weak)
     critical = _lowest_on_cone(fast, spaces, problem, hull, key, is_weak)
     advance_if_known(critical)
     is_decided = is_proved | (stops_early & (concrete(critical.sign) < 0))
 
     # The cone V0+; a solver that the caller has chosen always runs.
-    is_open = touches & ~is_decided
+    is_undecided = touches & ~is_decided
     problem = problems.cone
     is_needed = True
     if is_default:
-        is_needed = is_open
-    lowest = _lowest_on_cone(solver, spaces, problem, around, key, is_needed)
+        is_needed = is_undecided
+    lowest = _lowest_on_cone(solver, spaces, problem, lower_bound, key, is_needed)
 
     # A proof, if the eigenvalue on the cone is positive and none is known.
-    lacks_proof = (concrete(lowest.sign) > 0) & (concrete(around.sign) <= 0)
+    lacks_proof = (concrete(lowest.sign) > 0) & (concrete(lower_bound.sign) <= 0)
     lacks_proof &= ~concrete(lowest.pair.proved) & ~is_doubtful
-    is_needed = is_open & lacks_proof
-    proved = cond(is_needed, lambda: certify(spaces, problem, lowest, around), lambda: lowest)
+    is_needed = is_undecided & lacks_proof
+    proved = cond(is_needed, lambda: certify(spaces, problem, lowest, lower_bound), lambda: lowest)
     advance_if_known(proved)
 
-    found = SmallestPairs(around.pair, proved.pair, critical.pair, hull.pair)
+    found = SmallestPairs(lower_bound.pair, proved.pair, critical.pair, hull.pair)
     covered = cond(is_doubtful, lambda: covering_doubt(problems, found), lambda: found)
     left = cond(is_decided, lambda: covered.without("cone"), lambda: covered)
     return cond(is_proved, lambda: left.without("critical"), lambda: left)
@@ -144,10 +146,10 @@ def from_one_start(
         fine = problem.operator.curvature
         coarse_problem = coarser(problem)
         random = random_starts(key, coarse_problem.operator)
-        around, modes = modes_around(roughly(spaces, fine), coarse_problem, random)
+        coarse_hull, modes = modes_around(roughly(spaces, fine), coarse_problem, random)
         rough = roughly(solver, fine)
-        coarse, _ = mode_on_cone(rough, coarse_problem, around.result, modes, random)
-        start = start_from_coarse(coarse_problem, around, coarse, fine)
+        coarse, _ = mode_on_cone(rough, coarse_problem, coarse_hull.result, modes, random)
+        start = start_from_coarse(coarse_problem, coarse_hull, coarse, fine)
     found, is_answer = mode_from(solver, problem, start)
     first = lowest_of(problem, found, hull.modes, is_answer, start.cost)
     if is_trusted(start, first):
@@ -169,6 +171,6 @@ def from_all_starts(
     if before is not None:
         mode = before.pair.mode
         cost = before.cost
-    around = hull.pair.result
-    found, is_answer = mode_on_cone(solver, problem, around, hull.modes, random, mode)
+    result = hull.pair.result
+    found, is_answer = mode_on_cone(solver, problem, result, hull.modes, random, mode)
     return lowest_of(problem, found, hull.modes, is_answer, cost)

@@ -172,13 +172,13 @@ def _branch(contact: Contact, load: Load, start: Equilibrium) -> Iterator[tuple[
             if not leaves:
                 branch = _end_if_apart(problem, branch)
         is_at_load = not leaves and bool(branch.end == ENDS.load)
-        if branch.step.is_new or not branch.is_on:
+        if branch.step.is_new or not branch.goes_on:
             advance_if_known(branch)
             yield branch, is_at_load
         if is_at_load:
             problem, branch = _go_on(problem, branch)
             leaves = True
-        if not branch.is_on:
+        if not branch.goes_on:
             return
 
 
@@ -191,7 +191,7 @@ def _image(contact: Contact, load: Load, gap: Field) -> Image:
 def _has_left(problem: ContinuationProblem, branch: BranchState) -> Flag:
     """Return whether a branch is between the first load and the last one."""
     value = problem.curve.value(branch.step.here.at)
-    return (value - problem.first) * (problem.last - problem.first) > 0
+    return (value - problem.first_load) * (problem.last_load - problem.first_load) > 0
 
 
 @program
@@ -209,7 +209,9 @@ def _turn_back(
 ) -> tuple[ContinuationProblem, BranchState]:
     """Return the problem of a branch that is to come back to its first load."""
     end = ENDS.where(branch.end == ENDS.load, ENDS.states, branch.end)
-    return replace(problem, first=problem.last, last=problem.first), replace(branch, end=end)
+    return replace(problem, first_load=problem.last_load, last_load=problem.first_load), replace(
+        branch, end=end
+    )
 
 
 @program
@@ -226,8 +228,10 @@ def _go_on(
 ) -> tuple[ContinuationProblem, BranchState]:
     """Return the problem of a branch that goes on from its last load."""
     ahead = jnp.sign(problem.curve.rate(branch.step.here.tangent))
-    last = problem.last + ahead * jnp.abs(problem.last - problem.first)
-    return replace(problem, first=problem.last, last=last), replace(branch, end=ENDS.states)
+    last = problem.last_load + ahead * jnp.abs(problem.last_load - problem.first_load)
+    return replace(problem, first_load=problem.last_load, last_load=last), replace(
+        branch, end=ENDS.states
+    )
 
 
 def passes_out(energies: Sequence[float], sides: Sequence[tuple[int, int]]) -> dict[int, int]:

@@ -45,7 +45,7 @@ def largest_climb(
         SolverError: if no pass is found.
     """
     problem = pose(contact, load)
-    inputs = problem.contact, problem.state
+    inputs = problem.contact, problem.load
     first = start_of(*inputs, start)
 
     def largest(climbs: list[Climb]) -> Climb:

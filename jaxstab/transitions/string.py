@@ -32,11 +32,17 @@ _LONGEST = 2.0
 
 
 class String(eqx.Module):
-    """Images of the gap from one state to another, and the energy of each per point of the grid."""
+    """Images of the gap from one state to another.
+
+    Attributes:
+        images: the gaps, with both ends [length].
+        energies: of each image and of the load there [energy].
+        relative_move: how far the last step has moved an image, over the distance between the ends.
+    """
 
     images: Images
     energies: Float[Array, " images"]
-    moved: Scalar
+    relative_move: Scalar
 
     @property
     def highest(self) -> Int[Array, ""]:
@@ -73,13 +79,15 @@ class Landscape:
         mean_gap = self.control.mean_gap_of(gap)
         return self.contact.energy(gap) + self.contact.grid.area * self.control.energy(mean_gap)
 
-    def string(self, images: Images, moved: Scalar | float = 1.0) -> String:
+    def string(self, images: Images, relative_move: Scalar | float = 1.0) -> String:
         """Return a string of images, with their energies."""
-        return String(images, jax.vmap(self.energy)(images), jnp.asarray(moved, images.dtype))
+        return String(
+            images, jax.vmap(self.energy)(images), jnp.asarray(relative_move, images.dtype)
+        )
 
 
 class StringMethod(IterativeSolver):
-    """The string method, until a step moves the images by a part of the length of the string.
+    """The string method, until a step moves no image far, over the distance between the ends.
 
     Arguments:
         num_images: the number of images, with both ends.
@@ -101,13 +109,15 @@ class StringMethod(IterativeSolver):
         """Return the string after all images between its ends have gone down a step."""
         inner = jax.vmap(partial(_descend, problem))(state.images[1:-1])
         images = _evenly(state.images.at[1:-1].set(inner))
-        length = jnp.sqrt(total((state.images[-1] - state.images[0]) ** 2))
-        moved = jnp.sqrt(jnp.max(jax.vmap(lambda x: total(x**2))(images - state.images)))
-        return problem.string(images, moved / length)
+        between_ends = jnp.sqrt(total((state.images[-1] - state.images[0]) ** 2))
+        move = jnp.sqrt(jnp.max(jax.vmap(lambda x: total(x**2))(images - state.images)))
+        return problem.string(images, move / between_ends)
 
     def measure(self, problem: Landscape, state: String) -> Indicators:
-        """Return how far the last step has moved an image, over the length of the string."""
-        return {"residual": jnp.where(jnp.isfinite(state.energies).all(), state.moved, jnp.nan)}
+        """Return how far the last step has moved an image, over the distance of the ends."""
+        return {
+            "residual": jnp.where(jnp.isfinite(state.energies).all(), state.relative_move, jnp.nan)
+        }
 
 
 def _descend(problem: Landscape, gap: Field) -> Field:

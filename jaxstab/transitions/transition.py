@@ -84,7 +84,7 @@ def transition(
     load.warn_if_soft(contact.solid)
     warn_if_coarse(contact, FOR_JUMPS)
     problem = pose(contact, load)
-    inputs = problem.contact, problem.state
+    inputs = problem.contact, problem.load
     first = start_of(*inputs, start)
     if end is None:
         require_pull(jax.lax.stop_gradient(load))
