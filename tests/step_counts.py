@@ -43,7 +43,7 @@ def solver_runs(n):
     law = js.potentials.Exponential(2e-3, 0.05)
     problem = pose(js.Contact(js.HalfSpace(grid, 1.0), heights, law), js.MeanGap(0.05))
     contact = problem.contact
-    load = problem.state
+    load = problem.load
     start = start_of(contact, load, None)
     state = js.equilibrate(contact, load)
     hessian = contact.hessian(state.gap, contact.control(load))

@@ -21,8 +21,8 @@ def test_it_meets_a_tension_that_there_is_and_soon_gives_up_one_that_there_is_no
     contact = js.Contact(js.HalfSpace(grid, 1.0), HEIGHTS, js.potentials.Exponential(0.466, 0.2))
     state = js.equilibrate(contact, js.MeanGap(0.4))
     problem = pose(contact, js.MeanPressure(state.mean_pressure))
-    at = BorderedVector(state.gap, pressure_of(problem.contact, problem.state, state.gap))
-    curve = Curve.of(problem.contact, problem.state)
+    at = BorderedVector(state.gap, pressure_of(problem.contact, problem.load, state.gap))
+    curve = Curve.of(problem.contact, problem.load)
     row = curve.load_gradient
     unit = jnp.ones_like(at.pressure)
 

@@ -249,7 +249,7 @@ def test_in_single_precision_a_release_is_found_from_states_past_it():
     problem = pose(single, js.MeanPressure(pull.load.value.astype("float32")))
     unit = problem.unit
     ahead = jnp.asarray(-1e-6, "float32")
-    find = jax.jit(lambda gap: limit_ahead(problem.contact, problem.state, gap, ahead))
+    find = jax.jit(lambda gap: limit_ahead(problem.contact, problem.load, gap, ahead))
     for opening in (1e-8, 1e-7, 1e-6, 1e-5):
         limit = find(jnp.maximum(gap + opening * move, 0).astype("float32"))
         assert limit.kind == "release"
