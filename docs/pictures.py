@@ -23,6 +23,7 @@ from question_pictures import DRAWINGS, drawn
 
 import jaxstab as js
 from jaxstab.plots.style import BLACK, BLUE, GREEN, ORANGE, PURPLE, VERMILION
+from jaxstab.references.elastic_plastic import area_fractions
 
 STATIC = Path(__file__).parent / "_static"
 RESULTS = Path(__file__).parents[1] / "benchmarks" / "results"
@@ -87,6 +88,7 @@ def curves() -> None:
     save(_speed(), "speed")
     save(_closed_forms(), "errors")
     save(_accelerator(), "gpu")
+    save(_yielding(), "questions/yielding")
 
 
 def _speed() -> Figure:
@@ -148,6 +150,32 @@ def _accelerator() -> Figure:
     axes.set(xlabel="points", ylabel="seconds")
     axes.grid(alpha=0.3)
     axes.legend(fontsize="small")
+    return figure
+
+
+def _yielding() -> Figure:
+    figure, axes = plt.subplots(figsize=(5.2, 3.6), layout="constrained")
+    rows = table("hardness.md", "Rough surfaces of rms slope 0.1, 256² points: areas")
+    slope = 0.1
+    smallest = min(float(row[0]) for row in rows)
+    hardness = np.geomspace(smallest, 1.0, 100)
+    for share, colour in ((0.1, BLUE), (0.3, ORANGE), (0.6, VERMILION)):
+        # The loads of the table: a part of the hardness, or of an elastic contact.
+        pressure = share * np.minimum(hardness, slope / 2)
+        areas = sum(area_fractions(pressure, slope, 1.0, hardness))
+        axes.loglog(hardness / slope, areas * hardness / pressure, color=colour)
+        found = [[float(cell) for cell in row[:3]] for row in rows]
+        chosen = [
+            (own / slope, area / part)
+            for own, part, area in found
+            if abs(part * own / min(own, slope / 2) - share) < 0.01
+        ]
+        label = rf"$P = {share:g}\,H$, at most ${share * slope / 2:g}\,E^*$"
+        axes.loglog(*zip(*chosen, strict=True), "o", color=colour, label=label)
+    axes.axhline(1, color=BLACK, linestyle=":", zorder=0)
+    axes.set(xlabel=r"$H / (E^* h')$", ylabel=r"area in contact, over $P / H$")
+    axes.grid(alpha=0.3)
+    axes.legend(fontsize="small", title="lines: Persson's theory", title_fontsize="small")
     return figure
 
 

@@ -78,6 +78,25 @@ def window(grid):
     return {"window": displacement, "whole_on_window": whole((displacement, solid.padded))}
 
 
+def yielding(grid):
+    """Return fields and numbers of a surface that yields, and of the path that has flattened it."""
+    elastic = contact_on(grid)
+    contact = js.Contact(elastic.solid, elastic.heights, elastic.potential, hardness=0.5)
+    solver = load_and_solver()[1]
+    equilibrium = js.equilibrate(contact, js.MeanPressure(0.15), solver)
+    stability = js.assess_stability(contact, equilibrium)
+    path = js.follow(contact, js.MeanPressure(np.array([0.15, 0.1])), initial=equilibrium)
+    names = "displacement", "gap", "pressure", "indentation"
+    return {
+        "yielding_fields": np.stack([getattr(equilibrium, name) for name in names]),
+        "yielding_numbers": numbers(equilibrium, stability),
+        "yielding_verdict": stability.verdict.name,
+        "yielded_area": equilibrium.yielded_area,
+        "heights_left": path.contact.heights,
+        "whole_where_yielding": whole((contact, equilibrium, stability, path.contact)),
+    }
+
+
 def gap_of_placed(grid, sharding):
     """Return the gap of heights that are on a mesh with explicit axes, as given by its user."""
     contact = contact_on(grid)
@@ -133,7 +152,7 @@ def main(path, *process):
     if process:
         found = between_processes(grid)
     else:
-        found = state(grid) | swept(grid) | window(grid) | programs(grid)
+        found = state(grid) | swept(grid) | window(grid) | yielding(grid) | programs(grid)
         found["explicit"] = gap_of_placed(grid, sharding)
         found["refused"] = refusal(lambda: js.Grid(count + 1, sharding=sharding))
     np.savez(path, **found)

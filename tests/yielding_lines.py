@@ -160,7 +160,7 @@ def minima(line, num_steps=60):
     is_on_side = ((sides == HELD) | (sides * (w - line.closest) > EXACT)).all(-1)
     _, rows = np.unique(np.round(w[is_on_side], 9), axis=0, return_index=True)
     states = zip(w[is_on_side][rows], sides[is_on_side][rows], strict=True)
-    states = [state for state in (_minimum(line, *row) for row in states) if state]
+    states = [state for state in (minimum_at(line, *row) for row in states) if state]
     distinct = []
     for state in sorted(states, key=lambda state: line.energy(state.w)):
         if all(abs(state.w - other.w).max() > 1e-7 * line.law.length for other in distinct):
@@ -213,7 +213,7 @@ def _projector(line, sides):
     return projector
 
 
-def _minimum(line, w, sides):
+def minimum_at(line, w, sides):
     """Return a row as a state, if it is a local minimum whose points are on their sides."""
     closest, (_, slope, curvature) = line.closest, line.law_of(w)
     hardness = np.broadcast_to(line.hardness, w.shape)

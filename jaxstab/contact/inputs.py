@@ -131,8 +131,9 @@ def hardness_on(
         how_much = f"by {largest:.3g}" if np.isfinite(largest) else "without bound"
         raise ValueError(
             f"The hardness is {text(given)}, but at zero gap the law repels {how_much}, so that it "
-            "allows no contact: give a larger hardness, or a law that does not repel at zero gap, "
-            "as Exponential."
+            "allows no contact: give a larger hardness, a law that does not repel at zero gap, as "
+            "Exponential, or the same law from a gap z0 on, at which it repels by less than the "
+            "hardness: lambda gap: law(z0 + gap)."
         )
     return possible(given, is_enough)
 

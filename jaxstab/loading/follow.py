@@ -77,8 +77,9 @@ def follow(
     step is the equilibrium over the surface that the state before has left. Where nothing yields a
     path is elastic. Loads count from the surface with which the path began, `MeanGap` too.
     `plastic_work` is known exactly, and `path.contact` is the contact over the surface that is
-    left. The kind of a jump, its mode and its barrier are those of the surface before it, of which
-    nothing yields further. Loads of jumps then have no derivatives.
+    left. Kind, mode and barrier of a jump are those of the branch on which points at the pressure H
+    yield on; a branch also ends where a point begins to yield, if that lowers the energy. Loads of
+    jumps then have no derivatives.
 
     Ctrl-C ends a path after the current steps, in about a second, and returns the states so far.
 

@@ -42,7 +42,8 @@ class Jump(Outcome):
         state: the number of the state before, among those recorded.
         barrier_law: how the barrier that holds the state before grows with the distance from the
             load of the jump, and up to which distance. The energy is of second order in the mode's
-            amplitude at a release, of third at a fold. It is that of the surface as it is before.
+            amplitude at a release, of third at a fold; the law is unknown where a point begins to
+            yield.
         plastic_work: in the jump, on a surface with a hardness; otherwise None [energy].
 
     Example:

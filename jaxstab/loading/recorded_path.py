@@ -4,28 +4,37 @@ from dataclasses import replace
 from functools import partial
 from typing import Any
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool
 
 from jaxstab.branches.barrier_law import BarrierLaw, barrier_law
 from jaxstab.branches.limit import Limit, limit_ahead
+from jaxstab.branches.morse_index import lowest_pair, no_modes
 from jaxstab.contact import Contact
-from jaxstab.core.accuracy import rounding_of_numbers
+from jaxstab.core.accuracy import EQUILIBRIUM, rounding_of_numbers
 from jaxstab.core.compile import in_pieces, program
-from jaxstab.core.control_flow import by_entries, cond
+from jaxstab.core.control_flow import by_entries, choose, cond
+from jaxstab.core.grid import mean
 from jaxstab.core.results import RESULTS
 from jaxstab.core.stack import first_entries
-from jaxstab.core.types import Field, Scalar
+from jaxstab.core.types import Field, Mask, Scalar
 from jaxstab.loading.event import Event, load_on_indented, no_event
 from jaxstab.loading.jump_detection import PathSearch
 from jaxstab.loading.load_path import LoadPath
 from jaxstab.loading.load_stepping import step_to_end
 from jaxstab.loading.path import Jump, Path
 from jaxstab.loads import Load
+from jaxstab.potentials.varying import Scaled, Yielding
+from jaxstab.stability.assess import AT_HARDNESS
+from jaxstab.stability.eigenpair import Eigenpair
 from jaxstab.states.kinds import KINDS
 from jaxstab.states.point import PathPoint, states_along
 from jaxstab.states.record import Record, RecordList, Room
+
+# A branch of no known end may be that of a point whose pressure is below H by less than this part.
+_ABOUT_TO_YIELD = 1e-3
 
 
 def with_jump(load_path: LoadPath, record: Record) -> Record:
@@ -79,10 +88,15 @@ def _jump(contact: Contact, loads: Load, event: Event) -> Jump:
     load = loads[0].at(event.before.value)
 
     def explain() -> tuple[KINDS, Field, BarrierLaw]:
-        # The branch of the surface as it is before the jump, which yields no further.
-        as_it_is = contact.after(event.before).elastic
-        here = load_on_indented(load, event.before)
-        return _explanation(as_it_is, limit_ahead(as_it_is, here, event.before.gap, event.ahead))
+        gap = event.before.gap
+        if contact.hardness is None:
+            return _explanation(contact, limit_ahead(contact, load, gap, event.ahead))
+        branch = _yielding_branch(contact, load, event.before, jnp.zeros_like(gap, bool))
+        limit = limit_ahead(*branch, event.ahead)
+        point = _next_to_yield(contact, branch[0], limit)
+        after = _yielding_branch(contact, load, event.before, point)
+        pair = lowest_pair(*after, after[2], no_modes(gap), EQUILIBRIUM[gap.dtype.name])
+        return _explanation(branch[0], _or_yielding(limit, point, pair))
 
     kind, mode, law = cond(event.is_jump, explain, lambda: _no_explanation(load, event))
     return Jump(
@@ -99,9 +113,62 @@ def _jump(contact: Contact, loads: Load, event: Event) -> Jump:
 
 
 @program
+def _yielding_branch(
+    contact: Contact, load: Load, before: PathPoint, point: Mask
+) -> tuple[Contact, Load, Field]:
+    """Return the branch of a surface that yields on where its pressure is H, as a contact.
+
+    There, and at a point about to, it bears H whatever its displacement, as points out of contact
+    do by a law that repels by H at every gap: so these lie lower by about the height of the
+    surface. The others are those of the surface as it is before a jump.
+    """
+    left = contact.after(before)
+    load = load_on_indented(load, before)
+    gap = before.gap
+    hardness = left.hardness
+    largest = left.largest_reaction
+    potential = left.potential
+    assert hardness is not None and largest is not None and isinstance(potential, Scaled)
+    net = left.control(load).net_pressure(left.gradient(gap), gap)
+    yields = (gap == 0) & (net >= (1 - AT_HARDNESS) * largest) | point
+    law = Yielding(potential.law, yields, jnp.broadcast_to(hardness / potential.factor, gap.shape))
+    height = jnp.max(left.heights) - jnp.min(left.heights) + jnp.max(gap)
+    depth = jnp.where(yields, height, 0)
+    branch = left.elastic.with_indentation(depth)
+    branch = eqx.tree_at(lambda contact: contact.potential.law, branch, law)
+    return branch, load.after_indentation(mean(depth)), gap + depth
+
+
+@program
+def _next_to_yield(contact: Contact, branch: Contact, limit: Limit) -> Mask:
+    """Return the contact point that reaches H first, if one does before the limit of a branch."""
+    gap = limit.gap
+    largest = contact.largest_reaction
+    assert largest is not None
+    net = branch.control(limit.load).net_pressure(branch.gradient(gap), gap)
+    share = jnp.where(gap == 0, net / largest, 0)
+    least = jnp.where(limit.kind == KINDS.uncertain, 1 - _ABOUT_TO_YIELD, 1)
+    is_first = jnp.arange(share.size).reshape(share.shape) == jnp.argmax(share)
+    return is_first & (jnp.max(share) > least)
+
+
+@program
+def _or_yielding(limit: Limit, point: Mask, pair: Eigenpair) -> Limit:
+    """Return a limit, or where a point has yielded before, with its lowest eigenpair, that."""
+    is_before = jnp.any(point)
+    ends = is_before & (pair.eigenvalue < -pair.error)
+    kind = KINDS.where(is_before, KINDS.uncertain, limit.kind)
+    critical = choose(ends, pair, limit.critical)
+    return replace(limit, kind=KINDS.where(ends, KINDS.yielding, kind), critical=critical)
+
+
+@program
 def _explanation(contact: Contact, limit: Limit) -> tuple[KINDS, Field, BarrierLaw]:
-    where = limit.load, limit.gap, limit.kind, limit.mode, limit.point
-    return limit.kind, limit.mode, barrier_law(contact, *where)
+    yields = limit.kind == KINDS.yielding
+    kind = KINDS.where(yields, KINDS.uncertain, limit.kind)
+    law = barrier_law(contact, limit.load, limit.gap, kind, limit.mode, limit.point)
+    # The point that yields goes down.
+    return limit.kind, jnp.where(yields, -1, 1) * limit.mode, law
 
 
 @program
@@ -154,7 +221,8 @@ def unlocated_loss(points: PathPoint, is_branch: Bool[Array, " steps"]) -> tuple
 
     On each step F is the mean of the two parabolas through its ends and the state before, or the
     one after. Half of the difference of their integrals is the error; where there is only one of
-    them, all that it takes from the trapezoid.
+    them, all that it takes from the trapezoid. On a surface that yields F has a kink wherever a
+    point begins to: the error is all that both take, which is no less than that of a single kink.
     """
     force = points.force
     increments = jnp.diff(points.value)
@@ -174,8 +242,11 @@ def unlocated_loss(points: PathPoint, is_branch: Bool[Array, " steps"]) -> tuple
     num_parabolas = jnp.pad(has_parabola, (1, 0)).astype(int) + jnp.pad(has_parabola, (0, 1))
     cubes = increments**3 / 6
     trapezoids = increments * (force[1:] + force[:-1]) / 2
-    work = trapezoids - cubes * (with_before + with_after) / jnp.maximum(num_parabolas, 1)
+    taken = (with_before + with_after) / jnp.maximum(num_parabolas, 1)
+    work = trapezoids - cubes * taken
     error = jnp.where(num_parabolas == 2, (with_before - with_after) / 2, with_before + with_after)
+    if points.plastic_work is not None:
+        error = taken
     error = jnp.where(num_parabolas == 0, secants * increments**2 / 2, cubes * error)
     lost = jnp.sum(jnp.where(is_branch, work - jnp.diff(points.potential), 0))
     # NaN of a path without a state.

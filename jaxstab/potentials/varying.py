@@ -87,6 +87,24 @@ class Within(eqx.Module):
         return jnp.where(self.is_there, self.law(gap), 0)
 
 
+class Yielding(eqx.Module):
+    """A law but for a mask, where the surface bears its hardness whatever its displacement.
+
+    Arguments:
+        law: the law; its fields have values at all points.
+        yields: the mask.
+        hardness: H [pressure].
+    """
+
+    law: Potential
+    yields: Mask
+    hardness: Array
+
+    def __call__(self, gap: Scalar) -> Scalar:
+        """Return the energy per area at a gap of a point [length]."""
+        return jnp.where(self.yields, -self.hardness * gap, self.law(gap))
+
+
 class Scaled(eqx.Module):
     """A multiple of a law.
 
@@ -108,12 +126,15 @@ class Scaled(eqx.Module):
 def everywhere(potential: Potential) -> Potential:
     """Return a law without its restriction to a mask."""
 
+    def is_restricted(node: PyTree) -> bool:
+        return isinstance(node, Within | Yielding)
+
     def law_everywhere(node: PyTree) -> PyTree:
-        if isinstance(node, Within):
-            return node.law
+        if is_restricted(node):
+            return everywhere(node.law)
         return node
 
-    return jax.tree.map(law_everywhere, potential, is_leaf=lambda node: isinstance(node, Within))
+    return jax.tree.map(law_everywhere, potential, is_leaf=is_restricted)
 
 
 def varying_fields(potential: Potential) -> list[Array]:
@@ -129,14 +150,19 @@ def with_fields(potential: Potential, fields: Sequence[Array]) -> Potential:
 def by_points(potential: Potential) -> tuple[list[Array], Callable[[Sequence[Array]], Potential]]:
     """Return the fields of a law, and the function that makes a law of other fields."""
 
+    def is_of_points(node: PyTree) -> bool:
+        return isinstance(node, Varying | Within | Yielding)
+
     def varies(node: PyTree) -> PyTree:
         if isinstance(node, Within):
             return replace(node, law=flags_of(node.law), is_there=True)
+        if isinstance(node, Yielding):
+            return replace(node, law=flags_of(node.law), yields=True, hardness=True)
         is_varying = isinstance(node, Varying)
         return jax.tree.map(lambda leaf: is_varying and jnp.ndim(leaf) > 0, node)
 
     def flags_of(node: PyTree) -> PyTree:
-        return jax.tree.map(varies, node, is_leaf=lambda node: isinstance(node, Varying | Within))
+        return jax.tree.map(varies, node, is_leaf=is_of_points)
 
     flags = flags_of(potential)
     leaves, structure = jax.tree.flatten(potential)

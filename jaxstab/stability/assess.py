@@ -45,7 +45,7 @@ from jaxstab.stability.verdict import (
 # The lower bound, the critical cone and the cone take one search each.
 _NUM_SEARCHES = 3
 # A pressure that is below H by less than this part of it is H.
-_AT_HARDNESS = 1e-6
+AT_HARDNESS = 1e-6
 
 
 @runtime_checkable
@@ -211,7 +211,7 @@ def with_derivatives(stability: Stability, inputs: tuple[Contact, Equilibrium]) 
     largest = contact.largest_reaction
     if largest is not None:
         # The law has no curvature where the surface yields, as where a signed gap is negative.
-        yields = ~free & (equilibrium.reaction >= (1 - _AT_HARDNESS) * largest)
+        yields = ~free & (equilibrium.reaction >= (1 - AT_HARDNESS) * largest)
         gap = jnp.where(yields, -1, gap)
 
     def attach(pair: Eigenpair, is_moving: Mask) -> Eigenpair:

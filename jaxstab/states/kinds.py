@@ -19,6 +19,7 @@ class KINDS(Enumeration):
         "changes its sign where equal points detach or touch together"
     )
     uncertain = member("the branch ends, by an event of unknown kind")
+    yielding = member("a contact point reaches the hardness, and yielding lowers the energy")
 
 
 class ENDS(Enumeration):

@@ -72,9 +72,21 @@ def test_a_contact_on_eight_devices_is_that_on_one(found):
 
 
 @pytest.mark.nightly
+def test_a_surface_that_yields_on_eight_devices_is_that_on_one(found):
+    single, eight, *_ = found
+    assert 0 < single["yielded_area"] < 1
+    assert eight["yielded_area"] == single["yielded_area"]
+    for ours, theirs in zip(eight["yielding_fields"], single["yielding_fields"], strict=True):
+        assert_close(ours, theirs)
+    np.testing.assert_allclose(eight["yielding_numbers"], single["yielding_numbers"], rtol=1e-6)
+    assert eight["yielding_verdict"] == single["yielding_verdict"]
+    assert_close(eight["heights_left"], single["heights_left"])
+
+
+@pytest.mark.nightly
 def test_no_device_holds_a_whole_field(found):
     single, eight, *_ = found
-    for name in ("whole", "whole_in_sweep", "whole_on_window"):
+    for name in ("whole", "whole_in_sweep", "whole_on_window", "whole_where_yielding"):
         assert eight[name].size == 0, eight[name]
     n = script.N
     # Waves along the last side, those that do not count among them.

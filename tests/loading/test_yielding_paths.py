@@ -4,6 +4,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from brute_force import periodic_stiffness
 
 import jaxstab as js
 
@@ -172,3 +173,78 @@ def test_other_functions_ask_for_a_surface_that_stays_as_it_is():
     state = js.equilibrate(contact, js.MeanPressure(0.1))
     pull = js.pull_off(contact.after(state).elastic, initial=state)
     assert pull.load.value < 0
+
+
+def random_line(seed):
+    """Return a line of ten points under growing pressures, which yields and jumps into contact."""
+    rng = np.random.default_rng(seed)
+    heights = rng.normal(0, 0.1, 10)
+    law = js.potentials.Exponential(rng.uniform(0.005, 0.03), rng.uniform(0.02, 0.06))
+    hardness = rng.uniform(0.3, 1.0) + law.surface_energy / law.length / 2
+    grid = js.Grid((10,), (1.0,))
+    contact = js.Contact(js.HalfSpace(grid, 1.0), heights, law, hardness=hardness)
+    return contact, js.MeanPressure(jnp.array([0.01, 0.6]) * hardness)
+
+
+def check_jumps(seed):
+    """Hold each jump of a line against dense algebra; return kinds, and yielding points before."""
+    contact, load = random_line(seed)
+    path = js.follow(contact, load, disturbance=0.0)
+    assert path.result == "successful"
+    stiffness = periodic_stiffness((10,), (1.0,), 1.0)
+    law, heights = contact.potential, np.asarray(contact.heights)
+    hardness = float(contact.hardness)
+    largest = hardness + float(law.surface_energy / law.length)
+
+    def potential(state, pressure):
+        """Return the energy, the plastic work and the work of the load by NumPy, over the area."""
+        depth = np.asarray(state.indentation)
+        u = state.gap - depth + heights
+        adhesion = -law.surface_energy * np.exp(-state.gap / law.length)
+        return (u @ stiffness @ u / 2 + (adhesion + hardness * depth + pressure * u).sum()) / 10
+
+    found = []
+    for jump in path.jumps:
+        gap, reaction = np.asarray(jump.before.gap), np.asarray(jump.before.reaction)
+        is_open, mode = gap > 0, np.asarray(jump.mode)
+        yields = ~is_open & (reaction > (1 - 1e-6) * largest)
+        free = is_open | yields
+        pull = law.surface_energy / law.length**2 * np.exp(-gap / law.length)
+        matrix = stiffness - np.diag(np.where(is_open, pull, 0))
+        least = np.argmin(np.where(free, np.inf, largest - reaction))
+        if jump.kind == "yielding":
+            # It reaches the hardness at a load as near as jumps are located.
+            assert largest - reaction[least] < 1e-4 * largest
+            assert np.linalg.eigvalsh(matrix[np.ix_(free, free)])[0] > 0.01
+            free[least] = True
+            assert mode[least] < 0
+        assert not mode[~free].any()
+        values, modes = np.linalg.eigh(matrix[np.ix_(free, free)])
+        np.testing.assert_allclose(abs(modes[:, 0] @ mode[free]), 1, atol=1e-3)
+        if jump.kind == "fold":
+            # It vanishes as the root of a distance of 1e-6.
+            assert 0 < values[0] < 0.05
+        elif jump.kind == "yielding":
+            assert values[0] < -0.05
+        pressure = float(jump.after.load.value)
+        work = hardness * (jump.after.indentation - jump.before.indentation).mean()
+        np.testing.assert_allclose(jump.plastic_work, work, rtol=1e-9)
+        loss = potential(jump.before, pressure) - potential(jump.after, pressure)
+        np.testing.assert_allclose(jump.dissipation, loss, rtol=2e-2)
+        found.append((jump.kind.name, int(yields.sum())))
+    return found
+
+
+def test_jumps_while_points_yield_are_those_of_dense_algebra():
+    # The first jump begins where a point begins to yield, the others are folds of one that yields.
+    assert check_jumps(3) == [("yielding", 0), ("fold", 1), ("fold", 1), ("fold", 3)]
+
+
+@pytest.mark.nightly
+def test_kinds_of_sixty_jumps_while_points_yield_are_those_of_dense_algebra():
+    found = [jump for seed in range(1, 60, 2) for jump in check_jumps(seed)]
+    kinds = [kind for kind, _ in found]
+    assert len(found) > 60
+    assert sum(number > 0 for _, number in found) > 20
+    assert kinds.count("yielding") >= 2
+    assert kinds.count("uncertain") < 3
