@@ -2,6 +2,7 @@
 
 import gc
 import os
+import pickle
 import shutil
 import signal
 from importlib.metadata import version
@@ -40,8 +41,9 @@ from hypothesis import settings
 import jaxstab as js
 
 jax.config.update("jax_enable_x64", True)
-# A trace makes many objects that live on, and looking for garbage among them takes a twentieth.
-gc.set_threshold(100_000, 20, 20)
+# A trace makes many objects that live on, and looking for garbage among them takes a tenth: it is
+# looked for once after each module, and only among what that has left.
+gc.disable()
 matplotlib.use("Agg")
 # The same examples each time, and no limit on the time of one, which may be compiled for.
 settings.register_profile("few", max_examples=20, derandomize=True, deadline=None, database=None)
@@ -74,7 +76,10 @@ def few_programs_at_a_time():
     yield
     maps = Path("/proc/self/maps")
     if maps.exists() and maps.read_bytes().count(b"\n") > 45_000:
+        gc.unfreeze()
         jax.clear_caches()
+    gc.collect()
+    gc.freeze()
 
 
 @pytest.fixture
@@ -103,43 +108,81 @@ def unloading():
 
 
 @pytest.fixture(scope="session")
-def loop(hertz):
-    """The adhesive paraboloid's path into contact and out again, with a jump on each leg."""
+def shared(tmp_path_factory):
+    """Return what a function returns, computed by the first worker that asks for it."""
+    folder = tmp_path_factory.getbasetemp()
+    if "PYTEST_XDIST_WORKER" in os.environ:
+        folder = folder.parent
+
+    def shared(compute, *arguments):
+        file = folder / f"{compute.__name__}.pickle"
+        if not file.exists():
+            part = folder / f"{compute.__name__}-{os.getpid()}"
+            part.write_bytes(pickle.dumps(compute(*arguments)))
+            part.replace(file)
+        return pickle.loads(file.read_bytes())
+
+    return shared
+
+
+def follow_loop(hertz):
     turns = js.MeanDisplacement(jax.numpy.array([1.6, 1.2, 1.6]))
     return js.follow(hertz, turns, smallest_jump=1e-5, fields=True)
 
 
 @pytest.fixture(scope="session")
-def rough_path():
-    """A sticky rough contact, pressed to a small mean gap and lifted again, with its jumps."""
+def loop(shared, hertz):
+    """The adhesive paraboloid's path into contact and out again, with a jump on each leg."""
+    return shared(follow_loop, hertz)
+
+
+def follow_rough_path():
     grid = js.Grid(32)
     heights = js.surfaces.self_affine(grid, jax.random.key(0), k_high=4, rms_height=0.05)
     contact = js.Contact(js.HalfSpace(grid, 1.0), heights, js.potentials.Exponential(0.06, 0.06))
-    turns = js.MeanGap(jax.numpy.array([0.25, 0.02, 0.25]))
+    turns = js.MeanDisplacement(jax.numpy.array([0.25, 0.02, 0.25]))
     return contact, js.follow(contact, turns, fields=True)
 
 
 @pytest.fixture(scope="session")
-def branch(hertz):
-    """The first states of the adhesive paraboloid's curve of equilibria, around its fold."""
+def rough_path(shared):
+    """A sticky rough contact, pressed to a small mean gap and lifted again, with its jumps."""
+    return shared(follow_rough_path)
+
+
+def follow_branch(hertz):
     loads = js.MeanDisplacement([1.6, 1.0])
     return js.continuation(hertz, loads, fields=True, max_states=22)
 
 
 @pytest.fixture(scope="session")
-def transition(hertz):
-    """The pass of the adhesive paraboloid between contact and none."""
+def branch(shared, hertz):
+    """The first states of the adhesive paraboloid's curve of equilibria, around its fold."""
+    return shared(follow_branch, hertz)
+
+
+def find_transition(hertz):
     load = js.MeanDisplacement(1.35)
     closed = js.equilibrate(hertz, js.MeanDisplacement(0.8))
     return js.transition(hertz, load, js.equilibrate(hertz, load), closed.gap, num_images=6)
 
 
 @pytest.fixture(scope="session")
-def detaching():
-    """The pass of a rough line of 12 points to nothing, at nine tenths of its pull-off."""
+def transition(shared, hertz):
+    """The pass of the adhesive paraboloid between contact and none."""
+    return shared(find_transition, hertz)
+
+
+def find_detachment():
     grid = js.Grid((12,), (1.0,))
     heights = js.surfaces.self_affine(grid, jax.random.key(2), k_high=4, rms_height=0.05)
     contact = js.Contact(js.HalfSpace(grid, 1.0), heights, js.potentials.Exponential(0.03, 0.2))
     load = js.MeanPressure(-0.09068)
     start = js.equilibrate(contact, load, initial=jax.numpy.full((12,), 1e-3))
     return contact, js.transition(contact, load, start, None)
+
+
+@pytest.fixture(scope="session")
+def detaching(shared):
+    """The pass of a rough line of 12 points to nothing, at nine tenths of its pull-off."""
+    return shared(find_detachment)

@@ -250,6 +250,7 @@ def assert_same_jumps(paths, change, expected):
     np.testing.assert_allclose(last, expected.equilibrium.mean_pressure[-1], rtol=1e-6)
 
 
+@pytest.mark.nightly
 @few
 @given(surfaces, changes)
 def test_a_path_is_the_same_however_it_is_given(surface, change):
@@ -281,6 +282,7 @@ def test_a_branch_goes_on_from_any_state_before_its_first_turn(surface, part):
     np.testing.assert_allclose(rest.turns.load.value, whole.turns.load.value, atol=1e-9)
 
 
+@pytest.mark.nightly
 @many
 @given(surfaces, st.permutations(range(5)))
 def test_the_states_of_a_sweep_do_not_depend_on_their_order(surface, order):
@@ -294,6 +296,7 @@ def test_the_states_of_a_sweep_do_not_depend_on_their_order(surface, order):
         np.testing.assert_allclose(each(other), np.asarray(each(sweep))[list(order)], rtol=1e-9)
 
 
+@pytest.mark.nightly
 @few
 @given(surfaces, st.permutations(range(8)))
 def test_a_fit_of_loads_without_hysteresis_does_not_depend_on_their_order(surface, order):

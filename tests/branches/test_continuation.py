@@ -287,7 +287,7 @@ def two_summits(number, higher, law):
 
 
 @pytest.mark.filterwarnings("ignore::jaxstab.exceptions.ResolutionWarning")
-@pytest.mark.parametrize("higher", [0.0, 1e-12])
+@pytest.mark.parametrize("higher", [pytest.param(0.0, marks=pytest.mark.nightly), 1e-12])
 def test_it_records_a_bifurcation_where_a_symmetric_mode_loses_its_stiffness(higher):
     law = js.potentials.LennardJones(0.12, 0.1)
     contact = two_summits(12, higher, law)

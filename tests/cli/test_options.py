@@ -116,7 +116,16 @@ def test_a_configuration_does_what_options_do_and_they_go_before_it(tmp_path, ca
     assert third["load"].size == 2 and third["load"][0] == first["load"][0] == -1e-3
 
 
-@pytest.mark.parametrize("law", [*LAWS, "none"])
+@pytest.mark.parametrize(
+    "law",
+    [
+        *(
+            pytest.param(law, marks=[pytest.mark.nightly] * (law != "lennard-jones"))
+            for law in LAWS
+        ),
+        "none",
+    ],
+)
 def test_the_first_load_by_default_takes_pressures_of_the_problems_own(law):
     youngs_modulus, energy, length, rms, k_high = 0.2, 0.03, 0.4, 0.1, 4
     given = ["--youngs-modulus", str(youngs_modulus), "--rms-height", str(rms)]

@@ -92,6 +92,7 @@ def test_derivatives_know_nothing_of_an_offset(load):
     np.testing.assert_allclose(moved, differences, rtol=1e-3, atol=1e-6)
 
 
+@pytest.mark.nightly
 def test_windows_flat_surfaces_paths_and_files_keep_an_offset(tmp_path):
     window, offset = js.Grid(16, 8.0), 1e5
     tip = np.asarray(js.surfaces.paraboloid(window, 4.0))

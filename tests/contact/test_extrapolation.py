@@ -53,6 +53,7 @@ def test_a_sphere_comes_to_jkr_within_a_percent(shortest):
     assert 1.5 < found.power < 2.1
 
 
+@pytest.mark.nightly
 def test_johnsons_wave_comes_to_his_pull_off_within_a_percent():
     wave = 0.01, 1.0, 1.0, 8e-5
     grid = js.Grid((256,), (1.0,))

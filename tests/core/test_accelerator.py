@@ -103,6 +103,7 @@ def test_batch_entries_together_give_what_each_gives_alone():
     assert (off <= joint["errors"] + apart["errors"]).all()
 
 
+@pytest.mark.nightly
 def test_within_a_step_the_host_waits_for_nothing():
     runs = solver_runs(N)
 

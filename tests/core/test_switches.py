@@ -35,6 +35,7 @@ def test_the_readmes_example_runs_under_all_of_them(capsys):
     assert "stable: " in capsys.readouterr().out
 
 
+@pytest.mark.nightly
 def test_surfaces_solids_states_and_derivatives_pass(capsys):
     grid = js.Grid(16)
     heights = js.surfaces.self_affine(grid, jax.random.key(3), k_high=4, rms_height=0.05)

@@ -18,23 +18,29 @@ ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"
 SLOW = (
     "barriers",
+    "choosing",
+    "devices",
     "energies",
     "extending",
     "fits",
     "force_curve",
     "humidity",
     "loop",
+    "metals",
     "model",
+    "modulus",
     "paper",
     "particles",
     "pillars",
     "points",
+    "results",
     "scan",
     "speed",
     "sticky",
     "studies",
     "time",
     "units",
+    "wafers",
 )
 PAGES = [
     pytest.param(path, marks=[pytest.mark.nightly] * (path.stem in SLOW), id=path.stem)

@@ -226,6 +226,7 @@ def test_a_stiffness_out_of_range_is_refused():
     assert found.result == "invalid_contact"
 
 
+@pytest.mark.nightly
 def test_a_long_line_in_single_precision_ends_where_double_precision_does():
     # Rounding of the gap alone leaves a residual of 3e-4 of the pressures here.
     grid = js.Grid((32768,))

@@ -98,10 +98,14 @@ def test_gaps_are_those_of_the_hereditary_integral():
     ("make", "values"),
     [
         # The tension rises and falls smoothly, or ends in a jump.
-        (js.MeanDisplacement, (0.05, 0.0, 0.09)),
-        (lambda u: js.Spring(u, 0.3), (0.05, -0.05, 0.2)),
+        pytest.param(js.MeanDisplacement, (0.05, 0.0, 0.09), id="displacement"),
+        pytest.param(
+            lambda u: js.Spring(u, 0.3),
+            (0.05, -0.05, 0.2),
+            id="spring",
+            marks=pytest.mark.nightly,
+        ),
     ],
-    ids=["displacement", "spring"],
 )
 def test_extremes_of_a_run_do_not_depend_on_the_recorded_times(make, values):
     contact = viscoelastic()
@@ -148,8 +152,11 @@ def test_halving_the_steps_quarters_the_error():
 
 @pytest.mark.parametrize(
     "make",
-    [js.MeanDisplacement, lambda u: js.MeanGap(u), lambda u: js.Spring(u, 1.0)],
-    ids=["displacement", "gap", "spring"],
+    [
+        pytest.param(js.MeanDisplacement, id="displacement"),
+        pytest.param(js.MeanGap, id="gap", marks=pytest.mark.nightly),
+        pytest.param(lambda u: js.Spring(u, 1.0), id="spring"),
+    ],
 )
 def test_work_is_stored_dissipated_or_lost_in_jumps(make):
     times, values = cycle()
@@ -172,6 +179,7 @@ def test_the_work_of_a_dead_load_is_its_force_times_the_way():
     assert len(run.jump_times) == 0 and run.num_steps.sum() < 100
 
 
+@pytest.mark.nightly
 def test_a_jump_of_the_glassy_solid_is_located_and_its_loss_is_that_of_the_path(hertz, loop):
     # Without a memory that matters, as the relaxed solid of `follow`.
     contact = js.Contact(js.Viscoelastic(hertz.solid, 1e-9, 1.0), hertz.heights, hertz.potential)

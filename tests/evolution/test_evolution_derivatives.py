@@ -8,6 +8,9 @@ from viscoelastic_lines import ANY, cycle, line, viscoelastic
 
 import jaxstab as js
 
+# One program of all derivatives takes longest to compile.
+pytestmark = pytest.mark.nightly
+
 INSTANTS, VALUES = cycle(9)
 _, WAVE = line()
 # The surface energy, a ratio, its time and the speed.
@@ -102,7 +105,6 @@ def test_derivatives_behind_jumps_are_those_of_differences():
         np.testing.assert_allclose(forward[3][0, i], slopes[0], 5e-3, 1e-3)
 
 
-@pytest.mark.nightly
 @pytest.mark.filterwarnings("ignore::jaxstab.exceptions.ResolutionWarning")
 @pytest.mark.parametrize("noise", [0.0, 1e-11])
 def test_derivatives_behind_two_releases_at_once_are_nan_in_both_modes(noise):
@@ -114,7 +116,6 @@ def test_derivatives_behind_two_releases_at_once_are_nan_in_both_modes(noise):
     assert np.all(np.isnan(forward[3][2:])) and np.all(np.isnan(reverse))
 
 
-@pytest.mark.nightly
 def test_many_speeds_at_once_are_those_alone():
     times, values = cycle(9)
 
@@ -148,7 +149,6 @@ def test_many_speeds_at_once_are_those_alone():
         js.growth_rate(last)
 
 
-@pytest.mark.nightly
 def test_single_precision_agrees_to_its_digits():
     times, values = cycle(9)
     contact = viscoelastic()
@@ -159,7 +159,6 @@ def test_single_precision_agrees_to_its_digits():
     assert np.array(both[1]) == pytest.approx(np.array(both[0]), abs=1e-4)
 
 
-@pytest.mark.nightly
 @pytest.mark.filterwarnings("ignore::jaxstab.exceptions.ResolutionWarning")
 def test_by_default_single_precision_takes_few_steps_too():
     grid = js.Grid(64, (30.0, 30.0))

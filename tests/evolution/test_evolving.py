@@ -62,6 +62,7 @@ def test_an_interrupt_after_the_last_time_loses_nothing(monkeypatch):
     assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
 
 
+@pytest.mark.nightly
 def test_after_a_failure_there_are_no_numbers_and_it_goes_on_from_the_last_state():
     contact, times = viscoelastic(), jnp.linspace(0, 4, 5)
     load = js.MeanPressure(jnp.linspace(0, -0.16, 5))
@@ -165,6 +166,7 @@ def test_mistakes_are_named():
         js.growth_rate(contact)
 
 
+@pytest.mark.nightly
 def test_times_that_do_not_increase_have_no_states_under_jit():
     contact, (times, values) = viscoelastic(), cycle(5)
 

@@ -34,6 +34,7 @@ def test_a_flat_film_grows_at_the_rate_of_its_longest_wave(rate, times):
     assert js.growth_rate(flat_film(softening, times=times)) == pytest.approx(rate, rel=1e-8)
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize("gap", [0.03, 0.04])
 def test_a_rough_contact_departs_along_its_mode_at_the_growth_rate(gap):
     grid = js.Grid((32,))

@@ -17,6 +17,7 @@ def rough(size, seed):
     return js.Contact(solid, heights, js.potentials.NoAdhesion())
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize(
     "depth", [lambda t: 0.05 * t, lambda t: 0.1 * np.minimum(2 * t, 1)], ids=["ramp", "hold"]
 )
@@ -36,6 +37,7 @@ def test_a_sphere_is_pressed_by_the_force_of_lee_and_radok(depth):
     assert found.force[-1] == pytest.approx(4 / 3 * relaxing @ cubes, rel=2e-3)
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize("start", [0.01, 0.06], ids=["loaded", "partly unloaded"])
 def test_without_adhesion_the_area_under_a_constant_load_never_falls(start):
     times = jnp.concatenate([jnp.zeros(1), jnp.geomspace(1e-3, 30, 20)])

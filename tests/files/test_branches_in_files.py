@@ -56,6 +56,7 @@ def test_a_pass_to_detached_surfaces_comes_back_and_is_drawn(detaching, tmp_path
     plt.close("all")
 
 
+@pytest.mark.nightly
 def test_a_pull_off_and_critical_loads_come_back_and_are_drawn(detaching, tmp_path, capsys):
     contact, _ = detaching
     end = js.pull_off(contact)

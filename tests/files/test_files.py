@@ -264,14 +264,23 @@ def test_solids_with_a_scaled_stiffness_come_back(tmp_path):
     layer = js.Layer(contact.grid, 1.0, 0.3, 0.1)
     rubber = js.Viscoelastic.from_moduli(layer, (0.5,), (1.0,))
     altered = js.solids.Solid.scaled(layer, jnp.array(2.0))
+    for i, solid in enumerate((rubber, rubber.glassy, altered)):
+        both = js.Contact(solid, contact.heights, contact.potential), state
+        assert_same_bits(both, js.load(js.save(tmp_path / f"{i}.nc", *both)))
+
+
+@pytest.mark.nightly
+def test_stacks_crystals_and_graded_solids_come_back(tmp_path):
+    contact, state = state_of(
+        contact_of(js.potentials.Exponential(0.01, 0.2)), jnp.full(SHAPE, 0.2)
+    )
     films = [js.solids.Film((1.0, 0.5), 0.1, slips=True), js.solids.Film((2.0, 0.2), 0.3)]
     rigid = js.solids.Layered(contact.grid, films, "rigid")
     silicon = js.solids.Crystal((165.64, 63.94, 79.51), ((0, 0, 1), (1, -1, 0), (1, 1, 0)))
     coated = js.solids.Layered(contact.grid, films, silicon)
     crystal = js.solids.Anisotropic(contact.grid, silicon.stiffness)
     graded = js.solids.Graded(contact.grid, 1.0, 0.3, 0.1, 0.5)
-    stacks = rigid, coated, crystal, graded
-    for i, solid in enumerate((rubber, rubber.glassy, altered, *stacks)):
+    for i, solid in enumerate((rigid, coated, crystal, graded)):
         both = js.Contact(solid, contact.heights, contact.potential), state
         assert_same_bits(both, js.load(js.save(tmp_path / f"{i}.nc", *both)))
 
@@ -286,10 +295,18 @@ def test_a_line_has_one_dimension(tmp_path):
     assert js.to_dataset(contact, state)["load"].attrs["units"] == "pressure"
     measured = js.surfaces.Topography(grid, np.asarray(contact.heights), "um", is_periodic=True)
     contact_in_um = js.Contact(contact.solid, measured, law)
-    dataset = js.to_dataset(contact_in_um, js.assess_stability(contact_in_um, state))
+    dataset = js.to_dataset(contact_in_um, state)
+    assert dataset.solid_grid_lengths.units == dataset.x.units == "µm"
+    assert_same_bits((contact, state), js.load(js.save(tmp_path / "line.nc", contact, state)))
+
+
+def test_the_unit_of_a_surface_is_that_of_eigenvalues(plain):
+    contact, sweep = plain
+    heights = np.asarray(contact.heights)
+    measured = js.surfaces.Topography(contact.grid, heights, "um", is_periodic=True)
+    dataset = js.to_dataset(js.Contact(contact.solid, measured, contact.potential), sweep)
     assert dataset.solid_grid_lengths.units == dataset.x.units == "µm"
     assert dataset.cone_eigenvalue.units == "pressure/µm"
-    assert_same_bits((contact, state), js.load(js.save(tmp_path / "line.nc", contact, state)))
 
 
 def test_the_surface_of_a_result_without_a_unit_can_be_read(plain, tmp_path):

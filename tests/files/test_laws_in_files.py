@@ -13,6 +13,7 @@ from saved import BUMPY, SHAPE, assert_same_bits, contact_and_state
 import jaxstab as js
 
 
+@pytest.mark.nightly
 def test_a_law_defined_in_a_script_comes_back_in_it_and_is_asked_for_elsewhere(tmp_path):
     script = tmp_path / "script.py"
     script.write_text(

@@ -25,6 +25,7 @@ def maps(draw):
 
 
 @pytest.mark.filterwarnings("ignore::jaxstab.exceptions.SurfaceWarning")
+@settings(max_examples=5)
 @given(maps(), st.tuples(numbers, numbers), units)
 def test_a_surface_in_an_array_or_as_text(heights, lengths, unit):
     with tempfile.TemporaryDirectory() as folder:
@@ -41,6 +42,7 @@ def test_a_surface_in_an_array_or_as_text(heights, lengths, unit):
 
 
 @pytest.mark.filterwarnings("ignore::jaxstab.exceptions.SurfaceWarning")
+@settings(max_examples=5)
 @given(maps(), st.permutations(range(24)), st.tuples(*[st.floats(1e-3, 1e3)] * 2))
 def test_points_in_any_order(heights, order, spacing):
     sides = [dx * np.arange(n) for dx, n in zip(spacing, SHAPE, strict=True)]

@@ -101,15 +101,16 @@ def test_a_reversible_contact_loses_nothing(rough_path):
     contact, _ = rough_path
     law, units = js.potentials.Exponential(energy, 0.04), {"unit": "µm", "pressure_unit": "MPa"}
     contact = js.Contact(contact.solid, contact.heights, law, **units)
-    path = js.follow(contact, js.MeanGap(jnp.array([0.25, 0.02, 0.25])), fields=True)
+    path = js.follow(contact, js.MeanDisplacement(jnp.array([0.25, 0.02, 0.25])), fields=True)
     # Both legs lead through the same states.
-    way_back = js.equilibrate(contact, js.MeanGap(0.1), initial=path.equilibrium.gap[-1])
-    way_in = js.equilibrate(contact, js.MeanGap(0.1), initial=path.equilibrium.gap[0])
+    between = js.MeanDisplacement(0.1)
+    way_back = js.equilibrate(contact, between, initial=path.equilibrium.gap[-1])
+    way_in = js.equilibrate(contact, between, initial=path.equilibrium.gap[0])
     np.testing.assert_allclose(way_back.gap, way_in.gap, atol=1e-9)
     assert len(path.jumps) == 0 and path.dissipation == 0
     assert abs(path.unlocated) <= path.unlocated_error
     np.testing.assert_allclose(path.work, 0, atol=1e-9 * energy)
-    assert re.search(r"MeanGap 0\.25 µm to 0\.25 µm in(?s:.*)work  \S+ .J\n", repr(path))
+    assert re.search(r"MeanDisplacement 0\.25 µm to 0\.25 µm in(?s:.*)work  \S+ .J\n", repr(path))
     # Rounding is compared with the losses: both are in one unit.
     assert re.search(r"work  \S+ (\w+)\n  lost in 0 jumps  0 \1$", repr(path))
 
@@ -199,12 +200,13 @@ def test_of_a_path_nothing_else_has_a_derivative_nor_where_two_points_let_go_at_
     assert jnp.isnan(jax.grad(work)(1.4))
 
 
+@pytest.mark.nightly
 @pytest.mark.filterwarnings("ignore::jaxstab.exceptions.ResolutionWarning", "ignore::UserWarning")
 @pytest.mark.parametrize(
     "first",
     [
-        pytest.param(-4700.0, marks=pytest.mark.nightly),
-        pytest.param(-1000.0, marks=pytest.mark.nightly),
+        -4700.0,
+        -1000.0,
         -10.0,
     ],
 )

@@ -260,11 +260,8 @@ def test_in_single_precision_a_release_is_found_from_states_past_it():
 
 @pytest.mark.parametrize("spring", [None, pytest.param(0.02, marks=pytest.mark.nightly)])
 def test_in_single_precision_it_is_that_of_double(spring):
-    grid = js.Grid(16)
-    heights = js.surfaces.self_affine(grid, jax.random.key(0), k_high=4, rms_height=0.05)
-    law = js.potentials.Exponential(0.01, 0.1)
-    double = js.Contact(js.HalfSpace(grid, 1.0), heights, law)
-    single = js.Contact(double.solid, heights.astype("float32"), law)
+    double = surface(LAWS["exponential"])
+    single = js.Contact(double.solid, double.heights.astype("float32"), double.potential)
     found, exact = (js.pull_off(contact, spring=spring) for contact in (single, double))
     assert found.kind == exact.kind == "release"
     np.testing.assert_allclose(found.load.value, exact.load.value, rtol=1e-6)

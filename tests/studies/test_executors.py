@@ -43,7 +43,12 @@ def client():
 
 
 @pytest.mark.parametrize(
-    "kind", ["number", pytest.param("pool", marks=pytest.mark.nightly), "threads", "client"]
+    "kind",
+    [
+        "number",
+        "threads",
+        *(pytest.param(x, marks=pytest.mark.nightly) for x in ("pool", "client")),
+    ],
 )
 def test_many_processes_fill_the_folder_of_one_bit_for_bit(kind, alone, request, tmp_path):
     path = tmp_path / "study"
@@ -61,13 +66,13 @@ def test_many_processes_fill_the_folder_of_one_bit_for_bit(kind, alone, request,
     assert (js.study(case_in(tmp_path), more, path)["number"].sel(seed=6) == 6).all()
 
 
-def test_batches_run_in_other_processes(client, tmp_path):
+def test_batches_run_in_other_processes(pool, tmp_path):
     axes = {"x": np.arange(10.0)}
-    study = js.study(lambda x: {"y": x**2}, axes, tmp_path / "y", batch=4, executor=client)
+    study = js.study(lambda x: {"y": x**2}, axes, tmp_path / "y", batch=4, executor=pool)
     np.testing.assert_array_equal(study["y"], np.arange(10.0) ** 2)
     assert len(set(study["seconds"].values)) == 3
     with pytest.warns(UserWarning, match="one by one"):
-        js.study(lambda x: {"a": float(x)}, axes, tmp_path / "a", batch=2, executor=client)
+        js.study(lambda x: {"a": float(x)}, axes, tmp_path / "a", batch=2, executor=pool)
 
 
 def killed(count, times=1):
@@ -76,7 +81,8 @@ def killed(count, times=1):
         os.kill(os.getpid(), signal.SIGKILL)
 
 
-@pytest.mark.parametrize("kind", [pytest.param("number", marks=pytest.mark.nightly), "client"])
+@pytest.mark.nightly
+@pytest.mark.parametrize("kind", ["number", "client"])
 def test_the_case_of_a_killed_worker_runs_again(kind, alone, request, tmp_path):
     executor = 2 if kind == "number" else request.getfixturevalue(kind)
     js.study(case_in(tmp_path, killed), AXES, tmp_path / "study", executor=executor)
