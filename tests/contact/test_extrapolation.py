@@ -84,6 +84,7 @@ def from_the_coarser_of_two_grids(grids, seed, work):
     return found, pull_off(js.Contact(fine.solid, fine.heights, law))
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize("seed", [1, 2])
 def test_a_rough_line_meets_a_grid_twice_as_fine(seed):
     lines = js.Grid((128,), (1.0,)), js.Grid((256,), (1.0,))

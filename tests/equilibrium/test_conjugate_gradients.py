@@ -45,7 +45,9 @@ def random_problem(seed):
 
 
 @pytest.mark.filterwarnings("ignore::jaxstab.exceptions.ResolutionWarning")
-@pytest.mark.parametrize("seed", range(30))
+@pytest.mark.parametrize(
+    "seed", [*range(10), *(pytest.param(seed, marks=pytest.mark.nightly) for seed in range(10, 30))]
+)
 def test_random_problems_end_at_a_minimum_by_way_of_falling_energies(seed):
     contact, load = random_problem(seed)
     equilibrium = js.equilibrate(contact, load)

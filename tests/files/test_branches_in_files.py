@@ -83,6 +83,7 @@ def test_a_pull_off_and_critical_loads_come_back_and_are_drawn(detaching, tmp_pa
         js.save(tmp_path / "other.nc", stiff, end)
 
 
+@pytest.mark.nightly
 def test_a_detachment_comes_back_and_says_what_it_is(detaching, tmp_path, capsys):
     contact, _ = detaching
     options = {"thermal_energy": 2e-4, "attempt_rate": 1e9}

@@ -32,9 +32,23 @@ def test_hertz_without_attraction(segment):
     assert np.isnan(fit.range)
 
 
-@pytest.mark.parametrize("tabor", [0.1, 1.0, 5.0])
-@pytest.mark.parametrize("segment", ["approach", "retraction"])
-def test_from_jkr_to_dmt(tabor, segment):
+@pytest.mark.parametrize(
+    ("segment", "tabor"),
+    [
+        ("approach", 1.0),
+        ("retraction", 0.1),
+        *(
+            pytest.param(*case, marks=pytest.mark.nightly)
+            for case in (
+                ("approach", 0.1),
+                ("approach", 5.0),
+                ("retraction", 1.0),
+                ("retraction", 5.0),
+            )
+        ),
+    ],
+)
+def test_from_jkr_to_dmt(segment, tabor):
     fit = js.lab.fit_curve(recorded(maugis_with_approach(tabor), 2), TIP, 0.0, segment)
     assert fit.result == js.RESULTS.successful
     length = np.cbrt(RADIUS * (WORK / MODULUS) ** 2) / tabor * 1e-9

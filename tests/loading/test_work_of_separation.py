@@ -48,6 +48,7 @@ def test_a_machine_adds_what_its_jump_loses():
     assert path.work_of_separation == pytest.approx(float(end - LAW(0.1) + lost), rel=1e-4)
 
 
+@pytest.mark.nightly
 def test_a_rough_surface_takes_the_area_under_its_tensile_curve():
     contact = rough_contact(32, js.potentials.Exponential(0.06, 0.06), rms_height=0.05)
     path = js.follow(contact, js.MeanGap(jnp.array([0.13, 0.1, 0.35])))

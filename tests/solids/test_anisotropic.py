@@ -75,6 +75,7 @@ def test_a_surface_turned_with_its_crystal_is_the_same():
     assert abs(solid.pressure(other)[0, 0] / first - 1) > 1e-3
 
 
+@pytest.mark.nightly
 def test_derivatives_by_the_constants_agree_with_differences():
     vectors = jnp.asarray(vectors_of(5))
 

@@ -146,6 +146,7 @@ def test_eigenvalues_agree_with_dense_algebra(sticky, rings):
     assert np.all(np.diff(lowest) > 0)
 
 
+@pytest.mark.nightly
 def test_pull_off_is_between_the_limits_of_maugis(sticky):
     end = js.pull_off(sticky)
     force = -float(end.equilibrium.force) / (np.pi * 0.002 * 4.0)

@@ -67,6 +67,7 @@ def test_killed_again_and_again_a_study_ends_as_if_it_had_run_in_one_go(
     assert_same(tmp_path / "study", undisturbed)
 
 
+@pytest.mark.nightly
 def test_two_calls_of_one_study_at_once_do_no_harm(undisturbed, tmp_path):
     processes = [started(tmp_path, "script.py", "0") for _ in range(2)]
     for process in processes:
