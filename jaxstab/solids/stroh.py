@@ -63,8 +63,7 @@ class Support(NamedTuple):
 
 def product(left: Array, right: Array) -> Array:
     """Return the product of matrices with their axes first."""
-    terms = [left[:, k, None] * right[None, k] for k in range(right.shape[0])]
-    return sum(terms[1:], start=terms[0])
+    return jnp.sum(left[:, :, None] * right, axis=1)
 
 
 def adjoint(matrix: Compliance) -> Compliance:
