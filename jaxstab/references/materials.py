@@ -25,14 +25,15 @@ def _trigonal(c11: float, c12: float, c13: float, c14: float, c33: float, c44: f
     return stiffness
 
 
-# J. J. Hall, Phys. Rev. 161, 756 (1967).
+# J. J. Hall, Phys. Rev. 161, 756 (1967), and for 25 degrees Celsius C. Bourgeois et al., Proc. IEEE
+# Int. Frequency Control Symp., 791 (1997).
 silicon = _cubic(165.64, 63.94, 79.51)
 # H. J. McSkimin, A. Jayaraman and P. Andreatch, J. Appl. Phys. 38, 2362 (1967).
 gallium_arsenide = _cubic(118.77, 53.72, 59.44)
 # W. C. Overton and J. Gaffney, Phys. Rev. 98, 969 (1955).
 copper = _cubic(168.4, 121.4, 75.4)
-# J. R. Neighbours and G. A. Alers, Phys. Rev. 111, 707 (1958).
-gold = _cubic(192.34, 163.14, 41.95)
+# Y. Hiki and A. V. Granato, Phys. Rev. 144, 411 (1966).
+gold = _cubic(192.9, 163.8, 41.5)
 # H. J. McSkimin, P. Andreatch and R. N. Thurston, J. Appl. Phys. 36, 1624 (1965).
 quartz = _trigonal(86.80, 7.04, 11.91, -18.04, 105.75, 58.20)
 
