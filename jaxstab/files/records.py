@@ -45,7 +45,7 @@ class LostFunction(eqx.Module):
 
     name: str = eqx.field(static=True)
 
-    def __call__(self, argument: object) -> NoReturn:
+    def __call__(self, *arguments: object) -> NoReturn:
         """Raise `ValueError`, since nothing is known but values."""
         module, is_class, _ = self.name.partition(":")
         cure = "Give a law"

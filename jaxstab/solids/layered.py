@@ -74,7 +74,7 @@ class Layered(SpectralSolid):
         grid: the grid of its surface.
         layers: the layers from the surface down, each a `Film`.
         base: the material of the half space below, as E and nu, an `Isotropic` or a `Crystal`; or
-            "rigid".
+            "rigid", which is kept as None.
 
     Raises:
         ValueError: for a stack without layers or without a base.

@@ -204,15 +204,15 @@ def material_of(given: Material | tuple[ArrayLike, ArrayLike], name: str) -> Mat
         if len(given) != 2:
             raise ValueError(
                 f"The {name} is {given!r}: give its Young's modulus and its Poisson's ratio, as in "
-                "(1.0, 0.3)."
+                "(1.0, 0.3), or a jaxstab.solids.Crystal of its constants."
             )
         return Isotropic(*elastic_constants(*given, where=f" of the {name}"))
+    rigid = ', or "rigid"' if name == "base" else ""
     cure = (
         f"no material of the {name}: give its Young's modulus and Poisson's ratio, as in (1.0, "
-        "0.3), or a jaxstab.solids.Crystal(stiffness). Layers that relax in time by one series, "
-        "all alike, are jaxstab.Viscoelastic(jaxstab.solids.Layered(...), ratios, times); stacks "
-        "whose layers relax differently have no such series, since short waves feel the upper "
-        "layers and long ones the base."
+        f"0.3), or a jaxstab.solids.Crystal(stiffness){rigid}. A stack relaxes in time as a whole, "
+        "as a jaxstab.Viscoelastic(jaxstab.solids.Layered(...), ratios, times): layers that relax "
+        "differently have no one series for all waves."
     )
     require_kind(given, Material, cure)
     return given

@@ -153,6 +153,18 @@ class SpectralSolid(Solid):
         return stiffness.at[aliases].set(both)
 
     @property
+    def contact_modulus(self) -> Scalar:
+        """The modulus that closed forms for spheres take: of half spaces alone [pressure].
+
+        Raises:
+            AttributeError: for a solid whose modulus depends on the size of the contact.
+        """
+        raise AttributeError(
+            f"{type(self).__name__} has no contact modulus: that under a sphere depends on the "
+            "size of the contact. That of a wave is 2 K / |q|, with K = solid.stiffness_at(q)."
+        )
+
+    @property
     def prepared(self) -> Waves:
         """This solid by its multiplier."""
         return self.waves
@@ -215,9 +227,9 @@ class Spectral(SpectralSolid):
 
     Arguments:
         grid: the grid of its surface.
-        function: maps |q| > 0 [1/length], or the two components of wave vectors, to the stiffness
-            [pressure/length], arrays to an array; a function or an `equinox.Module`. Its value at
-            q = 0 is never used; that of (-q_x, -q_y) must be the same. On a line q_y is zero.
+        function: maps a wave's |q| > 0 [1/length], or the two components of its wave vector, to its
+            stiffness [pressure/length]; a function or an `equinox.Module`. Its value at q = 0 is
+            never used; that of (-q_x, -q_y) must be the same. On a line q_y is zero.
 
     Raises:
         ValueError: if the stiffness is not one real number for each wave, positive and finite.
@@ -238,9 +250,14 @@ class Spectral(SpectralSolid):
         if not callable(function):
             raise TypeError(f"The function of the solid is {function!r}: give one of |q|.")
         self.grid = grid
-        self.num_arguments = 2 if _num_arguments(function) == 2 else 1
-        wavenumbers = jax.eval_shape(lambda grid: grid.wavenumbers, grid)
-        arguments = [wavenumbers] * self.num_arguments
+        self.num_arguments = max(_num_arguments(function), 1)
+        if self.num_arguments > 2:
+            raise TypeError(
+                f"The function of the solid takes {self.num_arguments} arguments: give one of |q|, "
+                "or of q_x and q_y."
+            )
+        wave = jax.ShapeDtypeStruct((), grid.lengths.dtype)
+        arguments = [wave] * self.num_arguments
         cure = "it must return one real stiffness for each wave."
         self.function = as_pytree("The function of the solid", function, cure, *arguments)
         waves = self.waves
@@ -254,9 +271,8 @@ class Spectral(SpectralSolid):
 
     def stiffness_at(self, waves: Float[Array, "..."]) -> Float[Array, " *modes"]:
         """Return function(|q|) or function(q_x, q_y) [pressure/length]."""
-        if self.is_isotropic:
-            return self.function(waves)
-        return self.function(*waves)
+        components = (waves,) if self.is_isotropic else waves
+        return jnp.vectorize(self.function)(*components)
 
 
 def _num_arguments(function: Callable[..., Array]) -> int:

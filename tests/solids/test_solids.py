@@ -94,6 +94,35 @@ def test_a_stiffness_may_depend_on_the_direction_of_a_wave():
         js.solids.Axisymmetric(js.Rings(8, 1.0), solid)
 
 
+def test_a_function_of_waves_takes_them_in_any_number():
+    grid = js.Grid((8, 6))
+    solid = js.solids.Spectral(
+        grid, lambda qx, qy: jnp.where(qx * qy > 0, 2, 1) * jnp.hypot(qx, qy)
+    )
+    waves = np.array([[1.0, -2.0, 3.0], [0.0, 1.5, 4.0]])
+    # JAX traces `where` and `hypot` for one shape.
+    np.testing.assert_allclose(solid.stiffness_at(waves), [1.0, 2.5, 10.0])
+    plane = js.solids.Spectral(grid, jnp.hypot)
+    np.testing.assert_allclose(plane.waves.multiplier, grid.wavenumbers, rtol=1e-12)
+    rings = js.Rings(8, 1.0)
+    bent = js.solids.Spectral(grid, lambda q: jnp.where(q > 20, q, 20.0))
+    same = js.solids.Spectral(grid, lambda q: q + jnp.maximum(20 - q, 0))
+    found, exact = (
+        js.solids.Axisymmetric(rings, one).stiffness_of_order(0) for one in (bent, same)
+    )
+    np.testing.assert_allclose(found, exact, rtol=1e-9, atol=1e-9)
+
+
+def test_a_solid_without_one_modulus_says_so():
+    grid = js.Grid(8)
+    for solid in (js.Layer(grid, 1.0, 0.3, 0.1), js.solids.Graded(grid, 1.0, 0.3, 0.1, 0.5)):
+        with pytest.raises(
+            AttributeError, match=r"depends on the size of the contact.*2 K / \|q\|"
+        ):
+            solid.contact_modulus  # noqa: B018
+        assert not hasattr(solid, "contact_modulus")
+
+
 def test_a_stiffness_that_closes_over_a_traced_value_can_be_differentiated():
     grid = js.Grid((16,))
     wave = jnp.cos(2 * jnp.pi * grid.coordinates[0])
@@ -123,7 +152,8 @@ def test_a_poisson_ratio_outside_its_range_is_refused(ratio):
         (lambda q: q - 10.0, "stiffness of a wave is -3.7"),
         (lambda q: jnp.maximum(q - 10.0, 0), "stiffness of a wave is 0.0"),
         (lambda q: 1j * q, "one real stiffness for each"),
-        (lambda q: q[0], "one real stiffness for each"),
+        (lambda q: jnp.stack([q, q]), "one real stiffness for each"),
+        (lambda a, b, c: a, r"takes 3 arguments: give one of \|q\|, or of q_x and q_y"),
         (lambda q: np.tanh(q), "jax.numpy in place of NumPy"),
         (0.5, r"The function of the solid is 0.5: give one of \|q\|"),
     ],
