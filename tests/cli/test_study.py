@@ -2,7 +2,9 @@
 
 from pathlib import Path
 
+import numpy as np
 import pytest
+import xarray
 from distributed import LocalCluster
 from logged_study import SCRIPT, runs
 
@@ -77,3 +79,32 @@ def test_the_command_line_runs_on_a_scheduler(tmp_path, monkeypatch, capsys):
     with pytest.raises(SystemExit):
         main([*command, "nowhere"])
     assert "No Dask scheduler answers at nowhere" in capsys.readouterr().err
+
+
+STACKS = """
+import jax, jaxstab as js
+from jaxstab.solids import Crystal, Film, Layered
+
+grid = js.Grid(8)
+heights = js.surfaces.self_affine(grid, jax.random.key(0), k_high=2, rms_height=0.02)
+axes = {"thickness": [0.02, 0.1], "modulus": [0.5]}
+
+
+def case(thickness, modulus):
+    solid = Layered(grid, [Film((modulus, 0.3), thickness)], Crystal((3.0, 1.2, 1.5)))
+    return {"work": js.surfaces.effective_work_of_adhesion(solid, heights, 0.1)}
+"""
+
+
+def test_a_study_of_stacks_is_the_same_alone_and_in_batches(tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    Path("stacks.py").write_text(STACKS)
+    for batch in ("1", "2"):
+        main(["study", "stacks.py", "--path", batch, "--batch", batch])
+        assert "2 cases: 2 successful" in capsys.readouterr().out
+    alone, together = (
+        [float(xarray.open_dataset(file).work.item()) for file in sorted(Path(path).glob("*.nc"))]
+        for path in ("1", "2")
+    )
+    np.testing.assert_allclose(alone, together, rtol=1e-12)
+    assert alone[0] != alone[1]

@@ -121,6 +121,37 @@ def test_a_sphere_presses_the_ellipse_of_willis_into_copper(axes, modulus):
     np.testing.assert_allclose(force, 4 / 3 * modulus * mean**3 / radius, rtol=1e-2)
 
 
+def fibre(along, across, shear, nu_across, nu_along):
+    """Return the constants of a fibre along z, isotropic across it."""
+    compliance = np.zeros((6, 6))
+    compliance[range(5), range(5)] = 1 / np.array([across, across, along, shear, shear])
+    compliance[5, 5] = 2 * (1 + nu_across) / across
+    compliance[[0, 1], [1, 0]] = -nu_across / across
+    compliance[[0, 2, 1, 2], [2, 0, 2, 1]] = -nu_along / along
+    return np.linalg.inv(compliance)
+
+
+@pytest.mark.parametrize("moduli", [(55.0, 10.0, 3.0), (1.0, 2.0, 5.0), (100.0, 1.0, 0.3)])
+def test_a_fibre_along_the_normal_has_a_modulus_in_closed_form(moduli):
+    constants = fibre(*moduli, 0.25, 0.2)
+    c11, c13, c33, c44 = constants[[0, 0, 2, 3], [0, 2, 2, 3]]
+    mean = np.sqrt(c11 * c33)
+    # Delafargue and Ulm, Int. J. Solids Struct. 41, 7351 (2004), eq. 9.
+    exact = 2 * np.sqrt((mean**2 - c13**2) / c11 / (1 / c44 + 2 / (mean + c13)))
+    found = js.solids.Anisotropic(js.Grid(8), constants).indentation
+    np.testing.assert_allclose(found.modulus, exact, rtol=1e-12)
+    np.testing.assert_allclose(found.aspect_ratio, 1, rtol=1e-9)
+
+
+def test_the_wall_of_a_wood_cell_is_as_stiff_as_published():
+    # Jaeger et al., Composites A 42, 677 (2011), fig. 4, by the method of Vlassak and Nix: 23.5 GPa
+    # along its fibres and 10.1 GPa across.
+    constants = fibre(55.0, 10.0, 3.0, 0.25, 0.25)
+    for axes, modulus in ((None, 23.50), (((0, 0, 1), (0, 1, 0), (-1, 0, 0)), 10.09)):
+        found = js.solids.Anisotropic(js.Grid(8), constants, axes).indentation.modulus
+        np.testing.assert_allclose(found, modulus, rtol=4e-3)
+
+
 def test_two_thirds_of_a_turn_leave_the_surface_111_as_it_is():
     found = js.solids.Anisotropic(js.Grid(8), COPPER, ON_111).indentation
     np.testing.assert_allclose(found.aspect_ratio, 1, atol=1e-9)
