@@ -70,7 +70,8 @@ def open_part(gap: Field) -> Field:
 
 def closed_part(gap: Field) -> Field:
     """Return the depth of the indentation, the part of a signed gap below zero [length]."""
-    return jnp.where(gap < 0, -gap, 0)
+    # NaN stays NaN.
+    return jnp.where(gap >= 0, 0, -gap)
 
 
 def reaction(net: Field, gap: Field) -> Field:

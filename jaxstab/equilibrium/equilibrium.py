@@ -130,11 +130,13 @@ class Equilibrium(PressedSurface):
     @property
     def yielded_area(self) -> Scalar | None:
         """The number of yielding points over the number of all; None without a hardness."""
-        is_yielding = self.is_yielding
-        if is_yielding is None:
+        indentation = self.indentation
+        if indentation is None:
             return None
+        # NaN of a state that was not found.
+        share = jnp.where(jnp.isnan(indentation), jnp.nan, indentation > 0)
         sides = tuple(range(self.contact_area.ndim, self.gap.ndim))
-        return jnp.mean(is_yielding.astype(self.gap.dtype), axis=sides)
+        return jnp.mean(share.astype(self.gap.dtype), axis=sides)
 
     def in_units_of(self, pressure: Scalar) -> "Equilibrium":
         """Return the same with pressures in another unit; no result where its energy overflows."""

@@ -16,7 +16,7 @@ from jaxstab.contact import Contact
 from jaxstab.core.accuracy import EQUILIBRIUM, rounding_of_numbers
 from jaxstab.core.compile import in_pieces, program
 from jaxstab.core.control_flow import by_entries, choose, cond
-from jaxstab.core.grid import mean
+from jaxstab.core.grid import mean, total
 from jaxstab.core.results import RESULTS
 from jaxstab.core.stack import first_entries
 from jaxstab.core.types import Field, Mask, Scalar
@@ -96,7 +96,7 @@ def _jump(contact: Contact, loads: Load, event: Event) -> Jump:
         point = _next_to_yield(contact, branch[0], limit)
         after = _yielding_branch(contact, load, event.before, point)
         pair = lowest_pair(*after, after[2], no_modes(gap), EQUILIBRIUM[gap.dtype.name])
-        return _explanation(branch[0], _or_yielding(limit, point, pair))
+        return _or_yielding(_explanation(branch[0], limit), point, pair)
 
     kind, mode, law = cond(event.is_jump, explain, lambda: _no_explanation(load, event))
     return Jump(
@@ -131,7 +131,8 @@ def _yielding_branch(
     assert hardness is not None and largest is not None and isinstance(potential, Scaled)
     net = left.control(load).net_pressure(left.gradient(gap), gap)
     yields = (gap == 0) & (net >= (1 - AT_HARDNESS) * largest) | point
-    law = Yielding(potential.law, yields, jnp.broadcast_to(hardness / potential.factor, gap.shape))
+    # An infinite hardness, where nothing yields, is no number to be multiplied by zero.
+    law = Yielding(potential.law, yields, jnp.where(yields, hardness / potential.factor, 0))
     height = jnp.max(left.heights) - jnp.min(left.heights) + jnp.max(gap)
     depth = jnp.where(yields, height, 0)
     branch = left.elastic.with_indentation(depth)
@@ -153,22 +154,27 @@ def _next_to_yield(contact: Contact, branch: Contact, limit: Limit) -> Mask:
 
 
 @program
-def _or_yielding(limit: Limit, point: Mask, pair: Eigenpair) -> Limit:
-    """Return a limit, or where a point has yielded before, with its lowest eigenpair, that."""
+def _or_yielding(
+    explanation: tuple[KINDS, Field, BarrierLaw], point: Mask, pair: Eigenpair
+) -> tuple[KINDS, Field, BarrierLaw]:
+    """Return an explanation, or where a point has yielded before, with its lowest eigenpair, that.
+
+    The point then goes down along the mode.
+    """
+    kind, mode, law = explanation
     is_before = jnp.any(point)
     ends = is_before & (pair.eigenvalue < -pair.error)
-    kind = KINDS.where(is_before, KINDS.uncertain, limit.kind)
-    critical = choose(ends, pair, limit.critical)
-    return replace(limit, kind=KINDS.where(ends, KINDS.yielding, kind), critical=critical)
+    kind = KINDS.where(is_before, KINDS.uncertain, kind)
+    downward = -jnp.sign(total(jnp.where(point, pair.mode, 0))) * pair.mode
+    unknown = jax.tree.map(lambda number: jnp.full_like(number, jnp.nan), law)
+    law = choose(is_before, unknown, law)
+    return KINDS.where(ends, KINDS.yielding, kind), jnp.where(ends, downward, mode), law
 
 
 @program
 def _explanation(contact: Contact, limit: Limit) -> tuple[KINDS, Field, BarrierLaw]:
-    yields = limit.kind == KINDS.yielding
-    kind = KINDS.where(yields, KINDS.uncertain, limit.kind)
-    law = barrier_law(contact, limit.load, limit.gap, kind, limit.mode, limit.point)
-    # The point that yields goes down.
-    return limit.kind, jnp.where(yields, -1, 1) * limit.mode, law
+    where = limit.load, limit.gap, limit.kind, limit.mode, limit.point
+    return limit.kind, limit.mode, barrier_law(contact, *where)
 
 
 @program

@@ -280,3 +280,16 @@ def test_a_derivative_is_nan_where_points_just_begin_to_yield():
 
     assert np.isnan(jax.grad(pressed)(0.03))
     assert np.isfinite(jax.grad(pressed)(0.029))
+
+
+def test_a_hardness_that_is_impossible_in_a_trace_gives_no_state():
+    @jax.vmap
+    def state(hardness):
+        return js.equilibrate(contact_of(hardness=hardness), js.MeanPressure(0.03), throw=False)
+
+    found = state(jnp.array([HARDNESS, -1.0]))
+    assert list(found.result.name) == ["successful", "invalid_contact"]
+    assert 0 < found.yielded_area[0] < 1
+    assert np.isnan(found.yielded_area[1])
+    for name in ("gap", "indentation", "pressure", "plastic_work"):
+        assert np.isnan(getattr(found, name)[1]).all(), name

@@ -240,6 +240,19 @@ def test_jumps_while_points_yield_are_those_of_dense_algebra():
     assert check_jumps(3) == [("yielding", 0), ("fold", 1), ("fold", 1), ("fold", 3)]
 
 
+def test_an_infinite_hardness_of_points_that_never_yield_changes_no_jump():
+    contact, load = random_line(3)
+    path = js.follow(contact, load, disturbance=0.0)
+    stays = np.asarray(path.last_indentation) == 0
+    assert 0 < stays.sum() < 10
+    hardness = np.where(stays, np.inf, contact.hardness)
+    other = js.Contact(contact.solid, contact.heights, contact.potential, hardness=hardness)
+    same = js.follow(other, load, disturbance=0.0)
+    assert list(same.jumps.kind.name) == list(path.jumps.kind.name)
+    np.testing.assert_allclose(same.jumps.mode, path.jumps.mode, atol=1e-6)
+    np.testing.assert_allclose(same.plastic_work, path.plastic_work, rtol=1e-9)
+
+
 @pytest.mark.nightly
 def test_kinds_of_sixty_jumps_while_points_yield_are_those_of_dense_algebra():
     found = [jump for seed in range(1, 60, 2) for jump in check_jumps(seed)]
