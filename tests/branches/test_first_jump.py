@@ -25,6 +25,7 @@ def charged(voltage):
     return js.Contact(SOLID, FLAT, js.potentials.Electrostatic(voltage, 2.0, 0.1))
 
 
+@pytest.mark.nightly
 def test_flat_surfaces_on_a_spring_jump_once_the_law_is_steeper_than_the_spring():
     # f'' of the Gaussian is least at sqrt(3) rho: -2 w exp(-3 / 2) / rho^2.
     exact = MACHINE * 0.1**2 * np.exp(1.5) / 2

@@ -19,6 +19,7 @@ DOCS = ROOT / "docs"
 SLOW = (
     "barriers",
     "choosing",
+    "derivatives",
     "devices",
     "energies",
     "extending",
@@ -35,6 +36,8 @@ SLOW = (
     "points",
     "results",
     "scan",
+    "seal",
+    "solid",
     "speed",
     "sticky",
     "studies",

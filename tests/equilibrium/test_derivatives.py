@@ -270,6 +270,7 @@ def test_at_the_fold_of_flat_surfaces_is_no_derivative_and_beside_it_there_is():
     assert slope == pytest.approx(1 / (1 - np.exp((gap - found) / length)), rel=1e-6)
 
 
+@pytest.mark.nightly
 def test_single_precision_has_derivatives(contact):
     single = js.Contact(contact.solid, contact.heights.astype(jnp.float32), contact.potential)
 

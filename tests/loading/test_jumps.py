@@ -96,6 +96,7 @@ def test_the_work_of_a_rough_loop_is_that_of_its_pressures(rough_path):
     np.testing.assert_allclose(path.dissipation, path.jumps.dissipation.sum())
 
 
+@pytest.mark.nightly
 def test_a_reversible_contact_loses_nothing(rough_path):
     energy = 0.01
     contact, _ = rough_path

@@ -258,7 +258,8 @@ def test_in_single_precision_a_release_is_found_from_states_past_it():
         np.testing.assert_allclose(eigenvalue, pull.critical.eigenvalue, rtol=1e-4)
 
 
-@pytest.mark.parametrize("spring", [None, pytest.param(0.02, marks=pytest.mark.nightly)])
+@pytest.mark.nightly
+@pytest.mark.parametrize("spring", [None, 0.02])
 def test_in_single_precision_it_is_that_of_double(spring):
     double = surface(LAWS["exponential"])
     single = js.Contact(double.solid, double.heights.astype("float32"), double.potential)

@@ -125,6 +125,7 @@ def test_a_cone_and_a_punch_take_the_forces_of_sneddon(solid, rings):
     assert float(punch.force) == pytest.approx(2 * modulus * edges[40] * 0.1, rel=5e-3)
 
 
+@pytest.mark.nightly
 def test_eigenvalues_agree_with_dense_algebra(sticky, rings):
     state = js.equilibrate(sticky, js.FarDisplacement(-0.05))
     stability = js.assess_stability(sticky, state, orders=2)
@@ -189,6 +190,7 @@ def test_a_layer_agrees_with_its_hankel_transform(rings):
     np.testing.assert_allclose(found, exact, rtol=1e-3)
 
 
+@pytest.mark.nightly
 def test_derivatives_agree_with_differences(rings):
     def force(modulus, radius):
         disc = js.Rings(60, radius)

@@ -199,6 +199,7 @@ def test_derivatives_by_each_thickness_and_modulus_agree_with_differences():
             np.testing.assert_allclose(slopes[:, i], difference, rtol=1e-6, atol=1e-7)
 
 
+@pytest.mark.nightly
 def test_a_contact_takes_a_stack_or_its_stiffness_computed_once():
     grid = js.Grid(8)
     heights = js.surfaces.self_affine(grid, jax.random.key(1), k_high=3, rms_height=0.02)

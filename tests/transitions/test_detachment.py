@@ -122,6 +122,7 @@ def test_a_load_that_grows_from_zero_has_the_work_of_separation_as_its_barrier(d
     assert found.survival(1.00001 * found.median) == 0
 
 
+@pytest.mark.nightly
 def test_without_a_load_the_barrier_is_that_of_the_deepest_state_on_the_way(detaching):
     """The limit of those of small tensions, and the work to separate the state of least energy."""
     line, _ = detaching
