@@ -358,22 +358,22 @@ def times(points=256, rounds=5):
     for i in range(rounds + 1):
         for name, solid in solids.items():
             contact = js.Contact(solid, heights, law)
-            start = time.perf_counter()
+            start = time.process_time()
             jax.block_until_ready(contact.solid.prepared)
-            known = time.perf_counter()
+            known = time.process_time()
             state = jax.block_until_ready(js.equilibrate(contact, js.MeanGap(0.01)))
-            solved = time.perf_counter()
+            solved = time.process_time()
             jax.block_until_ready(js.assess_stability(contact, state))
             # The first round compiles.
             if i:
-                seconds[name].append((known - start, solved - known, time.perf_counter() - solved))
+                seconds[name].append((known - start, solved - known, time.process_time() - solved))
     least = np.array(seconds["`HalfSpace`"])
     for name, spent in seconds.items():
         ratios = np.median(np.array(spent) / least, axis=0)
         first, solved, judged = np.median(spent, axis=0)
         yield (
             f"{name}, {points}²",
-            "`HalfSpace`: seconds of an equilibrium, of a verdict",
+            "`HalfSpace`: processor seconds of an equilibrium, of a verdict",
             "1.05",
             f"{ratios[1]:.2f} of {solved:.2f} s, {ratios[2]:.2f} of {judged:.2f} s; "
             f"K alone {first:.3f} s",
