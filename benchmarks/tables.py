@@ -92,6 +92,7 @@ TABLES = {
         figures="docs/_static/challenge.svg docs/_static/stickiness.svg",
     ),
     "viscoelastic": Table("benchmarks/viscoelastic.py", "solids evolution", peers="tamaas"),
+    "viscoelastic_fits": Table("benchmarks/viscoelastic_fits.py", "lab evolution"),
     "pictures": Table(
         "docs/pictures.py",
         "plots",

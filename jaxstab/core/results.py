@@ -126,6 +126,11 @@ class RESULTS(Enumeration):
         "parameters are those of the best fit. Look at the fitted curve: another shape of the tip, "
         "a layered or viscous sample, hysteresis or a tilted contact are usual causes"
     )
+    undetermined = member(
+        "the measurements do not determine all parameters: others describe them as well. The "
+        "errors say which. Fit fewer parameters, or measure for longer, with less noise or at more "
+        "points"
+    )
     long_steps = member(
         "the steps violate 1 / tau - sigma >= beta / 2, beta the bound on |A|, from which the "
         "iteration is known to converge. Lower `tau` or `sigma`, or leave them out"

@@ -3,7 +3,7 @@ from .contact_points import ContactPoints, contact_points
 from .fit import FitErrors, ForceCurveFit
 from .fit_curve import fit_curve
 from .fit_each import Fits, fit_each
-from .fit_viscoelastic import ViscoelasticErrors, ViscoelasticFit, fit_viscoelastic
+from .fit_viscoelastic import fit_viscoelastic
 from .modulus_over_depth import ModulusOverDepth, modulus_over_depth
 from .report import Wording, report
 from .tips import (
@@ -17,6 +17,7 @@ from .tips import (
     Tip,
     TwoSpheres,
 )
+from .viscoelastic_fit import ViscoelasticErrors, ViscoelasticFit
 
 __all__ = [
     "Cone",

@@ -115,15 +115,17 @@ def with_adhesion(data: Bins, tip: Tip | FlatPunch) -> BestFit:
 def better(bare: BestFit, sticky: BestFit) -> BestFit:
     """Return the fit with adhesion if the curve needs it, otherwise the fit without.
 
-    Adhesion that does not show still moves modulus and contact point, by as much as the fits
-    differ.
+    Adhesion that does not show may act all the same, as where few points lie near the contact. So
+    the errors of modulus and contact point are those of the fit with adhesion where these are
+    larger, and as much as the fits differ.
     """
     other = bare.model.with_scatter(sticky.model.scatter).fit(bare.found.x, ALL, LAST)
     if 2 * (other.cost - sticky.found.cost) > _GAIN:
         return sticky
     moved = sticky.model.values(sticky.found.x)[: bare.model.count]
     moved = moved - bare.model.values(bare.found.x)
-    return BestFit(bare.model, bare.found, np.hypot(bare.errors, moved))
+    errors = np.maximum(bare.errors, sticky.errors[: bare.model.count])
+    return BestFit(bare.model, bare.found, np.hypot(errors, moved))
 
 
 def _start(data: Bins, tip: Tip | FlatPunch, attraction: float) -> tuple[float, float]:

@@ -148,7 +148,7 @@ class ForceCurveFit:
         inputs = {
             "result": self.result.name,
             "segment": self.segment,
-            "tip": _numbers_of(self.tip),
+            "tip": numbers_of_tip(self.tip),
             "poisson_ratio": self.poisson_ratio,
             "errors": asdict(self.errors),
         }
@@ -170,7 +170,7 @@ class ForceCurveFit:
             errors=FitErrors(**inputs.pop("errors")),
             result=getattr(js.RESULTS, inputs.pop("result")),
             curve=js.lab.force_curves.ForceCurve.from_dataset(dataset),
-            tip=_tip_of(inputs.pop("tip")),
+            tip=tip_of_numbers(inputs.pop("tip")),
             forces=np.asarray(dataset["fitted_force"]),
             **inputs,
         )
@@ -264,21 +264,22 @@ class ForceCurveFit:
         return "\n".join([head, *lines])
 
 
-def _numbers_of(tip: Tip | FlatPunch) -> dict[str, Any]:
+def numbers_of_tip(tip: Tip | FlatPunch) -> dict[str, Any]:
     """Return the class of a tip and its numbers, or the tip within it."""
     parts = {
-        name: _numbers_of(part) if isinstance(part, Tip) else part
+        name: numbers_of_tip(part) if isinstance(part, Tip) else part
         for name, part in vars(tip).items()
     }
     return {"shape": type(tip).__name__, **parts}
 
 
-def _tip_of(numbers: dict[str, Any]) -> Any:
+def tip_of_numbers(numbers: dict[str, Any]) -> Any:
     """Return the tip of a class and its numbers."""
     shapes = Cone, ElasticTip, FlatPunch, Paraboloid, Pyramid, Sphere, SphereOnPlate, TwoSpheres
     shape = {shape.__name__: shape for shape in shapes}[numbers.pop("shape")]
     parts = {
-        name: _tip_of(part) if isinstance(part, dict) else part for name, part in numbers.items()
+        name: tip_of_numbers(part) if isinstance(part, dict) else part
+        for name, part in numbers.items()
     }
     return shape(**parts)
 

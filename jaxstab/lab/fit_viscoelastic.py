@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterator
-from dataclasses import dataclass
-from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from collections.abc import Sequence
+from operator import index
+from typing import NamedTuple
 
 import jax
 import numpy as np
@@ -16,27 +15,28 @@ import jaxstab as js
 from jaxstab.lab import dugdale
 from jaxstab.lab.curve_model import inverse
 from jaxstab.lab.curve_search import correlated_variance
-from jaxstab.lab.figures import axes_or_new
-from jaxstab.lab.fit import write_table
+from jaxstab.lab.fit import ForceCurveFit
 from jaxstab.lab.fit_curve import fit_curve
-from jaxstab.lab.force_curves.correction import clocks_of
+from jaxstab.lab.time_means import TimeMeans
 from jaxstab.lab.tips import ElasticTip, Tip, paraboloid_radius
+from jaxstab.lab.viscoelastic_fit import ViscoelasticErrors, ViscoelasticFit
 
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-
-# Means over so many steps of the time in each segment, near contact and where no force acts.
-_NEAR, _FAR = 40, 5
-# Starts: times over the duration of the approach, and ratios of the moduli.
+# Starts: times over the duration of the approach, and sums of the ratios.
 _TIMES, _RATIOS = np.array([0.1, 0.5, 2.0]), np.array([0.5, 2.0])
-# Times, ratios, modulus and work are within these factors of the start.
-_FAR_OFF = 1e3
-# Steps of finite differences of logarithms; a sum of squares is right within this part.
-_STEP, _EXACT = 0.01, 1e-4
-# The fewest points of a mean; the forces of one scatter by this part of the variance of the noise.
-_FEWEST, _JUMP = 3, 4.0
-# The place of the work among the numbers, and how near a contact comes to the edge of a tip.
-_STICKY, _NEXT_TO = 6, 1e-6
+# Times, modulus and work are within these factors of the start, and ratios between these bounds: a
+# mode of the least one is none.
+_FAR_OFF, _WORK_OFF = 1e3, 1e3
+_LEAST_RATIO, _LARGEST_RATIO = 1e-4, 1e3
+# A further mode is tried at so many times, from two steps of the means to the length of the curve,
+# and begins with a ratio of no less than this.
+_TRIED, _FIRST_RATIO = 8, 0.03
+# The most modes that a curve is fitted by.
+_MOST_MODES = 5
+# Steps of finite differences: of logarithms and ratios, and of the contact point over the depth. A
+# sum of squares is right within this part.
+_STEP, _CONTACT_STEP, _EXACT = 0.01, 1e-3, 1e-4
+# How near a contact comes to the edge of a tip.
+_NEXT_TO = 1e-6
 # Evaluations of the first fit, and of the second one on rings that are chosen anew.
 _FIRST, _LAST = 40, 20
 # Rings are chosen anew if their radius has moved by this part.
@@ -46,153 +46,27 @@ _SHORTEST = 0.3
 # The model does not describe a curve whose misfit is so many times the noise of the means, and this
 # part of the largest force.
 _MISFIT, _OF_FORCE = 3.0, 0.01
-_SYMBOLS = {
-    "relaxed_modulus": "Pa",
-    "instantaneous_modulus": "Pa",
-    "ratio": "1",
-    "time": "s",
-    "work_of_adhesion": "J/m²",
-    "range": "m",
-    "contact_point": "m",
-}
-
-
-@dataclass(frozen=True)
-class ViscoelasticErrors:
-    """Standard errors of a fit in time, by the names of its numbers; NaN where nothing is known.
-
-    Attributes:
-        relaxed_modulus, instantaneous_modulus: of the moduli [Pa].
-        ratio: of their difference over the relaxed one.
-        time: of the relaxation time [s].
-        work_of_adhesion: of w [J/m^2].
-        range: of the range of the law [m].
-        contact_point: of the contact point [m].
-    """
-
-    relaxed_modulus: float
-    instantaneous_modulus: float
-    ratio: float
-    time: float
-    work_of_adhesion: float
-    range: float
-    contact_point: float
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class ViscoelasticFit:
-    """The fit of approach, pauses and retraction by a standard linear solid, in SI units.
-
-    Attributes:
-        relaxed_modulus: E at long times [Pa].
-        instantaneous_modulus: E at once, relaxed_modulus (1 + ratio) [Pa].
-        ratio: r in E(t) = E (1 + r exp(-t / time)).
-        time: the relaxation time [s].
-        work_of_adhesion: w, zero for a curve without attraction [J/m^2].
-        range: of the exponential law -w exp(-g / range), NaN without adhesion [m].
-        contact_point: the tip position at which the undeformed surfaces would touch, from the zero
-            of `curve` [m].
-        errors: standard errors by the same names.
-        result: a member of `jaxstab.RESULTS`: `misfit` if the model does not describe the curve.
-        misfit: the rms deviation of means of the force from the model [N].
-        noise: the typical standard error of these means [N].
-        curve: the corrected curve, in its own units.
-        tip: the tip.
-        poisson_ratio: nu.
-        times: of each mean [s].
-        measured: the mean forces at these times [N].
-        forces: the fitted ones [N].
-    """
-
-    relaxed_modulus: float
-    instantaneous_modulus: float
-    ratio: float
-    time: float
-    work_of_adhesion: float
-    range: float
-    contact_point: float
-    errors: ViscoelasticErrors
-    result: js.RESULTS
-    misfit: float
-    noise: float
-    curve: js.lab.force_curves.ForceCurve
-    tip: Tip
-    poisson_ratio: float
-    times: np.ndarray
-    measured: np.ndarray
-    forces: np.ndarray
-
-    @property
-    def status(self) -> str:
-        """The result as a sentence, with its cause and cure."""
-        return str(js.RESULTS[self.result])
-
-    def to_csv(self, path: str | Path) -> Path:
-        """Write numbers, errors, measured and fitted forces as text in UTF-8; return its path.
-
-        Arguments:
-            path: the file; it must not exist yet.
-
-        Raises:
-            FileExistsError: if the file exists.
-        """
-        comments = [
-            ("fit of a force curve in time", self.result.name),
-            ("source", self.curve.source),
-            ("tip", str(self.tip)),
-            ("poisson ratio", f"{self.poisson_ratio:.6g}"),
-        ]
-        for name, symbol in _SYMBOLS.items():
-            value, error = getattr(self, name), getattr(self.errors, name)
-            comments.append((name, f"{value:.9g} {symbol}, standard error {error:.3g} {symbol}"))
-        columns = {
-            "time [s]": self.times,
-            "force [N]": self.measured,
-            "fitted force [N]": self.forces,
-        }
-        return write_table(path, comments, columns)
-
-    def plot(self, axes: Axes | None = None) -> Axes:
-        """Draw the measured and the fitted forces over the time.
-
-        Arguments:
-            axes: the axes to draw on; new ones by default.
-        """
-        axes = axes_or_new(axes)
-        by, unit = js.units.prefixed(float(np.max(np.abs(self.measured))), "N")
-        axes.plot(self.times, self.measured / by, ".", color="0.6", label="measured")
-        axes.plot(self.times, self.forces / by, color="black", linewidth=1, label="fit")
-        axes.set_xlabel("time [s]")
-        axes.set_ylabel(f"force [{unit}]")
-        axes.legend(frameon=False)
-        return axes
-
-    def __repr__(self) -> str:
-        return "\n".join([*self._rows()])
-
-    def _rows(self) -> Iterator[str]:
-        times = f"{self.misfit / self.noise:.2g} times the noise of the means"
-        yield f"ViscoelasticFit: {self.result.name}, {self.tip}, misfit {times}"
-        for name, symbol in _SYMBOLS.items():
-            value, error = getattr(self, name), getattr(self.errors, name)
-            by, unit = 1.0, ""
-            if symbol != "1":
-                by, unit = js.units.prefixed(np.nanmax([abs(value), error, 0.0]), symbol)
-            numbers = "-" if np.isnan(value) else f"{value / by:.5g} ± {error / by:.2g} {unit}"
-            yield f"  {name:<21}  {numbers}".rstrip()
+# A mode is told if the sum of squares falls by this much, in units of its scatter, and if neither
+# its ratio nor its time may be off by this part of itself.
+_GAIN, _UNTOLD = 14.0, 1.0
 
 
 def fit_viscoelastic(
-    curve: js.lab.force_curves.ForceCurve, tip: Tip, poisson_ratio: float = 0.5
+    curve: js.lab.force_curves.ForceCurve,
+    tip: Tip,
+    poisson_ratio: float = 0.5,
+    relaxation_times: int | Sequence[float] | np.ndarray = 1,
 ) -> ViscoelasticFit:
-    """Fit a standard linear solid to approach, pauses and retraction at their measured times.
+    """Fit a Prony series to approach, pauses and retraction at their measured times.
 
     The model is the contact of a rigid tip with a viscoelastic half space on `Rings`, whose stress
-    relaxes as E(t) = E (1 + r exp(-t / T)), on the cantilever that has measured the curve: the
-    history that `jaxstab.evolve` returns for the measured heights. Forces are fitted by least
+    relaxes as E(t) = E (1 + sum r_k exp(-t / T_k)), on the cantilever that has measured the curve:
+    the history that `jaxstab.evolve` returns for the measured heights. Forces are fitted by least
     squares, with the contact point, the rest of the baseline and, for a curve that shows an
     attraction, an exponential law. Relaxation times far beyond the duration of the curve, or below
-    the time of a few points, are not told by it, as their errors show.
+    the time of a few points, are not told by it, as their errors show. Of several times each is
+    added to the fit with one less; if the last one hardly lowers the misfit, or one has an error as
+    large as itself, the result is `undetermined`, and the parameters are given all the same.
 
     What `ForceCurve.corrected` removes as a drift is given back: the sample may have caused it.
 
@@ -200,10 +74,13 @@ def fit_viscoelastic(
         curve: the curve, with times and a spring constant; one that is not corrected is.
         tip: a `Sphere`, `Paraboloid`, `Cone` or `Pyramid`.
         poisson_ratio: nu of the sample, the same at all times.
+        relaxation_times: the number of times that are fitted, or the times themselves, whose ratios
+            alone are fitted [s].
 
     Raises:
-        ValueError: for a curve without times or approach, and as `fit_curve` does.
-        TypeError: for something that is no force curve or no such tip.
+        ValueError: for a curve without times or approach, times that are not positive and rising,
+            another number of them than 1 to 5, single precision, and as `fit_curve` does.
+        TypeError: for something that is no force curve, no such tip or no number of times.
 
     Warns:
         FitWarning: if the result is not `successful`; the message has the reason.
@@ -215,6 +92,7 @@ def fit_viscoelastic(
             "Single precision leaves no derivatives for this fit: first of all, call "
             'jax.config.update("jax_enable_x64", True).'
         )
+    number, held = _modes_asked_for(relaxation_times)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", js.exceptions.FitWarning)
         elastic = fit_curve(curve, tip, poisson_ratio)
@@ -227,217 +105,171 @@ def fit_viscoelastic(
             f"The {lacking[0]} has no times, without which no relaxation is told: read a file that "
             "holds them, or fit an elastic sample by fit_curve."
         )
-    history = _History.of(elastic.curve.in_units("m", "N"))
-    start = [np.log(elastic.youngs_modulus), 0.0, 0.0, elastic.contact_point / history.depth]
-    start += [0.0, 0.0]
-    if sticky.work_of_adhesion > 0:
-        # Ranges of Dugdale's and of the exponential law are alike in the pressure that they make.
-        shortest = _SHORTEST * sticky.work_of_adhesion ** (2 / 3)
-        shortest *= paraboloid_radius(tip, history.depth) ** (1 / 3)
-        shortest /= (elastic.youngs_modulus / (1 - poisson_ratio**2)) ** (2 / 3)
-        start += [
-            np.log(sticky.work_of_adhesion),
-            np.log(max(np.nan_to_num(sticky.range), 2 * shortest)),
-        ]
-    model = _Model.at(history, tip, poisson_ratio, np.array(start))
-    tried = []
-    for time in _TIMES * history.duration:
-        for ratio in _RATIOS:
-            # The modulus of the approach is the one after about its duration.
-            own = np.array(start)
-            own[0] -= np.log(1 + ratio * np.exp(-history.duration / time / 2))
-            own[1:3] = np.log(ratio), np.log(time)
-            tried.append((float(np.sum(model.residuals(own) ** 2)), own))
-    x = min(tried, key=lambda one: one[0])[1]
-    found = model.fit(x, _FIRST)
-    # The contact may be larger than that of the start.
-    again = _Model.at(history, tip, poisson_ratio, found.x)
-    if not np.isclose(float(again.rings.radius), float(model.rings.radius), rtol=_MOVED):
-        model, found = again, again.fit(found.x, _LAST)
-    return _finished(elastic.curve, model, found)
+    means = TimeMeans.of(elastic.curve.in_units("m", "N"))
+    model, x = _start(means, elastic, sticky, held)
+    model, found = _fit_on_its_rings(model, x)
+    gain = np.inf
+    for _ in range(0 if held is not None else number - 1):
+        before = found.cost
+        model, found = _fit_on_its_rings(*_with_another_mode(model, found))
+        gain = 2 * (before - found.cost) / _scatter(found)
+    return _result_of(elastic.curve, model, found, gain)
 
 
-class _History(NamedTuple):
-    """Means over steps of the time, in SI units, with the turns between segments.
-
-    Attributes:
-        times, heights: of means and turns.
-        forces, errors: with infinite errors at turns.
-        depth, force: the largest ones.
-        duration: of the approach near contact.
-        stiffness: of the cantilever.
-    """
-
-    times: np.ndarray
-    heights: np.ndarray
-    forces: np.ndarray
-    errors: np.ndarray
-    depth: float
-    force: float
-    duration: float
-    stiffness: float
-
-    @classmethod
-    def of(cls, curve: js.lab.force_curves.ForceCurve) -> _History:
-        """Return the history of a corrected curve in SI units."""
-        correction = curve.correction
-        assert correction is not None and correction.approach is not None
-        assert curve.spring_constant is not None
-        clocks = clocks_of(curve.segments)
-        drift = 0.0
-        if correction.removes_drift and correction.drift is not None:
-            drift = correction.drift
-        rows: list[tuple[float, float, float, float]] = []
-        duration = 0.0
-        for name in sorted(curve.segments, key=lambda name: float(np.nanmin(clocks[name]))):
-            segment = curve.segments[name]
-            present = segment.is_present
-            time, force = clocks[name][present], segment.force[present]
-            height = segment.height[present] + drift * time
-            # A pause, and a retraction that has not detached, have no part without force.
-            line = getattr(correction, name, None)
-            has_far = line is not None and (name == "approach" or line != correction.approach)
-            far = line.number if has_far and line is not None else 0
-            points = np.arange(len(time))
-            parts = [(points[:far], _FAR), (points[far:], _NEAR)]
-            if name == "retraction":
-                parts = [(points[: len(time) - far], _NEAR), (points[len(time) - far :], _FAR)]
-            if name == "approach":
-                duration = float(np.ptp(time[far:]))
-            pieces = [
-                piece
-                for part, count in parts
-                if len(part) > 1
-                for piece in np.array_split(part, max(min(count, len(part) // _FEWEST), 1))
-            ]
-            noise = correction.approach.noise
-            means = [_mean(time[one], height[one], force[one], noise) for one in pieces]
-            ends = [
-                (time[place], _line_at(time[one], height[one], time[place]), np.nan, np.inf)
-                for one, place in ((pieces[0], 0), (pieces[-1], -1))
-            ]
-            rows += [ends[0], *means, ends[1]]
-        columns = np.array(rows).T
-        # A segment may begin at the time at which the one before has ended.
-        is_later = np.append(True, np.diff(np.maximum.accumulate(columns[0])) > 0)
-        times, heights, forces, errors = columns[:, is_later]
-        tips = heights + np.nan_to_num(forces) / curve.spring_constant
-        return cls(
-            times,
-            heights,
-            forces,
-            errors,
-            float(-np.min(tips)),
-            float(np.nanmax(forces)),
-            duration,
-            curve.spring_constant,
+def _modes_asked_for(
+    relaxation_times: int | Sequence[float] | np.ndarray,
+) -> tuple[int, np.ndarray | None]:
+    """Return the number of modes, and their times if these are given."""
+    if np.ndim(relaxation_times) == 0:
+        try:
+            number = index(relaxation_times)  # pyright: ignore[reportArgumentType]
+        except TypeError:
+            raise TypeError(
+                f"The number of relaxation times is {relaxation_times!r}: give an integer, or the "
+                "times in s as a list."
+            ) from None
+        if not 1 <= number <= _MOST_MODES:
+            raise ValueError(
+                f"The number of relaxation times is {number}: it is between 1 and {_MOST_MODES}."
+            )
+        return number, None
+    times = np.asarray(relaxation_times, float)
+    is_rising = times.ndim == 1 and times.size > 0 and np.all(np.diff(times) > 0)
+    if not (is_rising and times[0] > 0 and np.isfinite(times[-1])):
+        raise ValueError(
+            f"The relaxation times are {relaxation_times}: give positive times in s, in rising "
+            "order."
         )
+    return len(times), times
 
 
-def _mean(
-    time: np.ndarray, height: np.ndarray, force: np.ndarray, noise: float
-) -> tuple[float, float, float, float]:
-    """Return the means over points, with the standard error of the force.
-
-    Forces that scatter by more than the noise about a line are of a jump, which is at one place.
-    """
-    count = len(time)
-    away = force - np.polyval(np.polyfit(time - time[0], force, 1), time - time[0])
-    excess = max(float(np.mean(away**2)) - _JUMP * noise**2, 0.0)
-    error = np.sqrt(noise**2 / count + excess)
-    return float(time.mean()), float(height.mean()), float(force.mean()), float(error)
-
-
-def _line_at(time: np.ndarray, height: np.ndarray, place: float) -> float:
-    """Return the height of a line through points at a time."""
-    return float(np.polyval(np.polyfit(time - place, height, 1), 0.0))
-
-
-class _Model(NamedTuple):
+class _ViscoelasticModel(NamedTuple):
     """Forces in time as a function of numbers of the order of one.
 
-    The numbers are ln E, ln r, ln T, the contact point over the depth, baseline and tilt in units
-    of the noise, and with adhesion ln w and the logarithm of the range.
+    The numbers are ln E, the contact point over the depth, baseline and tilt in units of the noise,
+    with adhesion ln w and the logarithm of the range, then the ratio of each mode and, unless times
+    are held, the logarithm of its time.
     """
 
-    history: _History
+    means: TimeMeans
     tip: Tip
     poisson_ratio: float
+    is_sticky: bool
+    held: np.ndarray | None
     rings: js.Rings
 
     @classmethod
-    def at(cls, history: _History, tip: Tip, poisson_ratio: float, x: np.ndarray) -> _Model:
+    def at(
+        cls,
+        means: TimeMeans,
+        tip: Tip,
+        poisson_ratio: float,
+        is_sticky: bool,
+        held: np.ndarray | None,
+        x: np.ndarray,
+    ) -> _ViscoelasticModel:
         """Return the model on rings for the contact at some numbers."""
         modulus = np.exp(x[0]) / (1 - poisson_ratio**2)
-        branch = dugdale.without_adhesion(tip, modulus, history.depth, 0.0)
+        branch = dugdale.without_adhesion(tip, modulus, means.depth, 0.0)
         adhesion = {}
-        if len(x) > _STICKY:
-            work, length = np.exp(x[_STICKY:])
+        if is_sticky:
+            work, length = np.exp(x[4:6])
             adhesion = {"work_of_adhesion": float(work), "length": float(length)}
         rings = js.Rings.for_contact(
             lambda radii: -_shape(tip, radii), modulus, force=float(branch.force[-1]), **adhesion
         )
-        return cls(history, tip, poisson_ratio, js.Rings(rings.num_points // 2, rings.radius))
+        rings = js.Rings(rings.num_points // 2, rings.radius)
+        return cls(means, tip, poisson_ratio, is_sticky, held, rings)
+
+    def with_rings_at(self, x: np.ndarray) -> _ViscoelasticModel:
+        """Return the model on rings for the contact at other numbers."""
+        return self.at(self.means, self.tip, self.poisson_ratio, self.is_sticky, self.held, x)
+
+    @property
+    def first_ratio(self) -> int:
+        """The place of the first ratio among the numbers."""
+        return 6 if self.is_sticky else 4
+
+    def num_modes(self, x: np.ndarray) -> int:
+        """Return the number of modes of some numbers."""
+        left = len(x) - self.first_ratio
+        return left if self.held is not None else left // 2
+
+    def ratios(self, x: np.ndarray) -> np.ndarray:
+        """Return the ratio of each mode."""
+        return x[self.first_ratio : self.first_ratio + self.num_modes(x)]
+
+    def relaxation_times(self, x: np.ndarray) -> np.ndarray:
+        """Return the relaxation time of each mode [s]."""
+        if self.held is not None:
+            return self.held
+        return np.exp(x[self.first_ratio + self.num_modes(x) :])
 
     def forces(self, x: np.ndarray) -> np.ndarray:
         """Return the forces at all times, NaN if there is no equilibrium."""
-        modulus, ratio, time = np.exp(x[:3])
-        rings, history = self.rings, self.history
+        rings, means = self.rings, self.means
         law = js.potentials.NoAdhesion()
-        if len(x) > _STICKY:
-            law = js.potentials.Exponential(*np.exp(x[_STICKY:]))
-        half_space = js.solids.AxisymmetricHalfSpace(rings, modulus, self.poisson_ratio)
-        solid = js.Viscoelastic(half_space, np.array([ratio]), np.array([time]))
+        if self.is_sticky:
+            law = js.potentials.Exponential(*np.exp(x[4:6]))
+        half_space = js.solids.AxisymmetricHalfSpace(rings, np.exp(x[0]), self.poisson_ratio)
+        times = self.relaxation_times(x)
+        order = np.argsort(times)
+        solid = js.Viscoelastic(half_space, self.ratios(x)[order], times[order])
         contact = js.Contact(solid, -_shape(self.tip, np.asarray(rings.radii)), law)
-        heights = history.heights - x[3] * history.depth
-        load = js.Spring.cantilever(heights, history.stiffness, rings)
+        heights = means.heights - x[1] * means.depth
+        load = js.Spring.cantilever(heights, means.stiffness, rings)
         with warnings.catch_warnings():
             # A warning of a trial on the way tells nothing of the end.
             warnings.simplefilter("ignore")
-            evolution = js.evolve(contact, load, history.times, progress=False, throw=False)
+            evolution = js.evolve(contact, load, means.times, progress=False, throw=False)
         return np.asarray(evolution.force) + self._baseline(x)
 
     def _baseline(self, x: np.ndarray) -> np.ndarray:
-        heights = self.history.heights
+        heights = self.means.heights
         away = (heights - heights.mean()) / np.ptp(heights)
-        return (x[4] + x[5] * away) * self.noise
+        return (x[2] + x[3] * away) * self.noise
 
     @property
     def is_mean(self) -> np.ndarray:
         """Which times are those of means, and not turns."""
-        return np.isfinite(self.history.errors)
+        return np.isfinite(self.means.errors)
 
     @property
     def noise(self) -> float:
         """The typical standard error of a mean [N]."""
-        return float(np.median(self.history.errors[self.is_mean]))
+        return float(np.median(self.means.errors[self.is_mean]))
 
     def residuals(self, x: np.ndarray) -> np.ndarray:
         """Return the misfit of the means over their errors."""
-        away = self.forces(x) - self.history.forces
-        return (away / self.history.errors)[self.is_mean]
+        away = self.forces(x) - self.means.forces
+        return (away / self.means.errors)[self.is_mean]
 
     def jacobian(self, x: np.ndarray) -> np.ndarray:
         """Return the derivatives of the residuals by differences."""
-        steps = np.array([_STEP, _STEP, _STEP, _STEP / 10, 1.0, 1.0, _STEP, _STEP])[: len(x)]
+        steps = np.full(len(x), _STEP)
+        steps[1] = _CONTACT_STEP
         start = self.residuals(x)
         columns = []
         for number, step in enumerate(steps):
             moved = x.copy()
             moved[number] += step
-            if number in (4, 5):
-                away = (self._baseline(moved) - self._baseline(x)) / self.history.errors
-                columns.append(away[self.is_mean])
+            if number in (2, 3):
+                away = (self._baseline(moved) - self._baseline(x)) / self.means.errors
+                columns.append(away[self.is_mean] / step)
             else:
                 columns.append((self.residuals(moved) - start) / step)
         return np.stack(columns, 1)
 
     def fit(self, x: np.ndarray, most: int) -> OptimizeResult:
         """Return the least squares over all numbers from a start."""
-        far = np.array([*np.full(3, np.log(_FAR_OFF)), 1.0, np.inf, np.inf, *np.full(2, 7.0)])
-        low, high = x - far[: len(x)], x + far[: len(x)]
-        if len(x) > _STICKY:
-            low[-1] = x[-1] + np.log(_SHORTEST)
+        low, high = x - np.log(_FAR_OFF), x + np.log(_FAR_OFF)
+        low[1], high[1] = x[1] - 1, x[1] + 1
+        low[2:4], high[2:4] = -np.inf, np.inf
+        if self.is_sticky:
+            low[4:6], high[4:6] = x[4:6] - np.log(_WORK_OFF), x[4:6] + np.log(_WORK_OFF)
+            low[5] = x[5] + np.log(_SHORTEST)
+        modes = slice(self.first_ratio, self.first_ratio + self.num_modes(x))
+        low[modes], high[modes] = _LEAST_RATIO, _LARGEST_RATIO
         return least_squares(
             self.residuals,
             x,
@@ -450,54 +282,146 @@ class _Model(NamedTuple):
         )
 
 
+def _start(
+    means: TimeMeans, elastic: ForceCurveFit, sticky: ForceCurveFit, held: np.ndarray | None
+) -> tuple[_ViscoelasticModel, np.ndarray]:
+    """Return the best of some starts with one mode, or with all modes whose times are held."""
+    tip, poisson_ratio = elastic.tip, elastic.poisson_ratio
+    assert isinstance(tip, Tip)
+    first = [np.log(elastic.youngs_modulus), elastic.contact_point / means.depth, 0.0, 0.0]
+    is_sticky = sticky.work_of_adhesion > 0
+    if is_sticky:
+        # Ranges of Dugdale's and of the exponential law are alike in the pressure that they make.
+        shortest = _SHORTEST * sticky.work_of_adhesion ** (2 / 3)
+        shortest *= paraboloid_radius(tip, means.depth) ** (1 / 3)
+        shortest /= (elastic.youngs_modulus / (1 - poisson_ratio**2)) ** (2 / 3)
+        first += [
+            np.log(sticky.work_of_adhesion),
+            np.log(max(np.nan_to_num(sticky.range), 2 * shortest)),
+        ]
+    model = _ViscoelasticModel.at(means, tip, poisson_ratio, is_sticky, held, np.array(first))
+    tried = []
+    for times in [_TIMES * means.duration] if held is None else [held]:
+        starts = times[:, None] if held is None else times[None]
+        for own in starts:
+            for ratio in _RATIOS:
+                ratios = np.full(len(own), ratio / len(own))
+                x = np.array([*first, *ratios, *(np.log(own) if held is None else ())])
+                # The modulus of the approach is the one after about its duration.
+                x[0] -= np.log(1 + ratios @ np.exp(-means.duration / own / 2))
+                tried.append((float(np.sum(model.residuals(x) ** 2)), x))
+    return model, min(tried, key=lambda one: one[0])[1]
+
+
+def _fit_on_its_rings(
+    model: _ViscoelasticModel, x: np.ndarray
+) -> tuple[_ViscoelasticModel, OptimizeResult]:
+    """Return the fit on rings that suit it, since a contact may be larger than at the start."""
+    found = model.fit(x, _FIRST)
+    again = model.with_rings_at(found.x)
+    if np.isclose(float(again.rings.radius), float(model.rings.radius), rtol=_MOVED):
+        return model, found
+    return again, again.fit(found.x, _LAST)
+
+
+def _with_another_mode(
+    model: _ViscoelasticModel, found: OptimizeResult
+) -> tuple[_ViscoelasticModel, np.ndarray]:
+    """Return numbers with one mode more, at the time that lowers the sum of squares most.
+
+    To first order in its ratio a mode changes the residuals along one direction, of which the part
+    beyond all other numbers counts.
+    """
+    basis = np.linalg.qr(found.jac)[0]
+
+    def beyond(values: np.ndarray) -> np.ndarray:
+        return values - basis @ (basis.T @ values)
+
+    times = model.means.times[model.is_mean]
+    step = float(np.median(np.diff(times)))
+    left = beyond(found.fun)
+    tried = []
+    for time in np.geomspace(2 * step, float(np.ptp(times)), _TRIED):
+        x = np.insert(
+            np.append(found.x, np.log(time)), len(found.x) - model.num_modes(found.x), _FIRST_RATIO
+        )
+        direction = beyond(model.residuals(x) - found.fun) / _FIRST_RATIO
+        size = float(direction @ direction)
+        ratio = -float(direction @ left) / max(size, np.finfo(float).tiny)
+        tried.append((np.sign(ratio) * ratio**2 * size, ratio, x))
+    _, ratio, x = max(tried, key=lambda one: one[0])
+    x[len(found.x) - model.num_modes(found.x)] = max(ratio, _FIRST_RATIO)
+    return model, x
+
+
 def _shape(tip: Tip, radii: np.ndarray) -> np.ndarray:
     """Return how far a tip is above its apex, and beyond its largest radius as far as there."""
     return tip.shape(np.minimum(radii, (1 - _NEXT_TO) * tip.largest_radius))
 
 
-def _finished(
-    curve: js.lab.force_curves.ForceCurve, model: _Model, found: OptimizeResult
+def _scatter(found: OptimizeResult) -> float:
+    """Return the variance of the residuals, larger where neighbouring ones are alike."""
+    return max(correlated_variance(found.fun, len(found.x)), 1.0)
+
+
+def _result_of(
+    curve: js.lab.force_curves.ForceCurve,
+    model: _ViscoelasticModel,
+    found: OptimizeResult,
+    gain: float,
 ) -> ViscoelasticFit:
-    x = found.x
-    history = model.history
-    residuals = found.fun
-    # Means that deviate alike at neighbouring times count as fewer.
-    scatter = max(correlated_variance(residuals, len(x)), 1.0)
-    covariance = scatter * inverse(found.jac)
-    modulus, ratio, time = np.exp(x[:3])
+    x, means = found.x, model.means
+    covariance = _scatter(found) * inverse(found.jac)
     errors = np.sqrt(np.diag(covariance))
-    # d ln(E (1 + r)) = d ln E + r / (1 + r) d ln r.
-    slopes = np.array([1.0, ratio / (1 + ratio)])
-    glassy_error = float(np.sqrt(slopes @ covariance[:2, :2] @ slopes))
+    modulus = float(np.exp(x[0]))
+    ratios, times = model.ratios(x), model.relaxation_times(x)
+    modes = slice(model.first_ratio, model.first_ratio + len(ratios))
+    times_errors = np.zeros(len(times))
+    if model.held is None:
+        # The farther side of an error of the logarithm.
+        times_errors = times * np.expm1(errors[modes.stop :])
+    # d ln(E (1 + sum r)) = d ln E + sum d r / (1 + sum r).
+    slopes = np.zeros(len(x))
+    slopes[0] = 1.0
+    slopes[modes] = 1 / (1 + ratios.sum())
+    glassy = modulus * float(1 + ratios.sum())
     work, work_error, length, length_error = 0.0, np.nan, np.nan, np.nan
-    if len(x) > _STICKY:
-        work, length = map(float, np.exp(x[_STICKY:]))
-        work_error, length_error = work * errors[_STICKY], length * errors[_STICKY + 1]
+    if model.is_sticky:
+        work, length = map(float, np.exp(x[4:6]))
+        work_error, length_error = work * errors[4], length * errors[5]
+    order = np.argsort(times)
     forces = model.forces(x)
     used = model.is_mean
-    rms = float(np.sqrt(np.mean((residuals * model.noise) ** 2)))
+    rms = float(np.sqrt(np.mean((found.fun * model.noise) ** 2)))
+    told = np.all(errors[modes] < _UNTOLD * ratios) and np.all(times_errors < _UNTOLD * times)
     result = js.RESULTS.successful
+    numbers = f"the misfit is {rms / model.noise:.2g} times the noise of the means"
     if found.status == 0:
         result = js.RESULTS.max_steps_reached
-    elif rms > max(_MISFIT * model.noise, _OF_FORCE * history.force):
+    elif rms > max(_MISFIT * model.noise, _OF_FORCE * means.force):
         result = js.RESULTS.misfit
-    glassy = modulus * (1 + ratio)
+    elif gain < _GAIN or not told:
+        result = js.RESULTS.undetermined
+        numbers = (
+            f"the curve does not tell all of the {len(times)} relaxation times and ratios: give "
+            "fewer, or the times themselves"
+        )
     fit = ViscoelasticFit(
-        relaxed_modulus=float(modulus),
-        instantaneous_modulus=float(glassy),
-        ratio=float(ratio),
-        time=float(time),
+        relaxed_modulus=modulus,
+        instantaneous_modulus=glassy,
+        ratios=ratios[order],
+        relaxation_times=times[order],
         work_of_adhesion=work,
         range=length,
-        contact_point=float(x[3]) * history.depth,
+        contact_point=float(x[1]) * means.depth,
         errors=ViscoelasticErrors(
             relaxed_modulus=float(modulus * errors[0]),
-            instantaneous_modulus=float(glassy * glassy_error),
-            ratio=float(ratio * errors[1]),
-            time=float(time * errors[2]),
+            instantaneous_modulus=glassy * float(np.sqrt(slopes @ covariance @ slopes)),
+            ratios=errors[modes][order],
+            relaxation_times=times_errors[order],
             work_of_adhesion=float(work_error),
             range=float(length_error),
-            contact_point=float(errors[3]) * history.depth,
+            contact_point=float(errors[1]) * means.depth,
         ),
         result=result,
         misfit=rms,
@@ -505,11 +429,10 @@ def _finished(
         curve=curve,
         tip=model.tip,
         poisson_ratio=model.poisson_ratio,
-        times=history.times[used],
-        measured=history.forces[used],
+        times=means.times[used],
+        measured=means.forces[used],
         forces=forces[used],
     )
     if result != js.RESULTS.successful:
-        numbers = f"the misfit is {rms / model.noise:.2g} times the noise of the means"
         warnings.warn(f"{fit.status}: {numbers}.", js.exceptions.FitWarning, stacklevel=3)
     return fit

@@ -8,7 +8,9 @@ RADIUS, RELAXED, RATIO, TIME, STIFFNESS = 5e-6, 1e3, 1.5, 0.4, 0.05
 
 
 def ting(height, time, ratio=RATIO, relaxation=TIME, steps=1500):
-    """Return the force of a paraboloid on a standard linear solid, pressed in and pulled out once.
+    """Return the force of a paraboloid on a Prony series, pressed in and pulled out once.
+
+    Ratios and times may be numbers or lists, one for each mode.
 
     While the contact grows F = 4 sqrt(R) / 3 int E*(t - s) d(d^(3/2)), later the integral ends at
     the time at which the contact was as large, which follows from int E*(t - s) d'(s) ds = 0 from
@@ -16,7 +18,8 @@ def ting(height, time, ratio=RATIO, relaxation=TIME, steps=1500):
     """
     fine = np.linspace(time[0], time[-1], steps)
     below = -np.interp(fine, time, height)
-    kernel = RELAXED / 0.75 * (1 + ratio * np.exp(-(fine - fine[0]) / relaxation))
+    decay = np.exp(-np.divide.outer(fine - fine[0], np.atleast_1d(relaxation)))
+    kernel = RELAXED / 0.75 * (1 + decay @ np.atleast_1d(ratio))
     depth, force = np.zeros((2, steps))
 
     def force_at(number, last):

@@ -29,6 +29,8 @@ _BASELINES = ("linear", "constant")
 # The parts of a curve that is far from the sample, and deepest in it.
 _FAR = 0.25
 _DEEP = 0.02
+# The travel of a tip, of nanometres in most curves, is less than this in those of large beads [m].
+_LARGEST_TRAVEL = 0.1
 
 
 class ForceCurveWarning(UserWarning):
@@ -97,17 +99,24 @@ class ForceCurve:
     @property
     def suspicions(self) -> list[str]:
         """A sentence for each property of the curve that looks wrong."""
-        return [
-            f"the forces of the {name} fall where it is deepest: attraction seems to be positive. "
-            "Reverse the forces by `-curve`."
-            for name, segment in self._ends()
-            if _is_reversed(segment)
-        ] + [
-            f"{np.sum(segment.is_clipped)} forces of the {name} are at the end of the range of the "
-            "detector: `corrected` leaves them out."
-            for name, segment in self._ends()
-            if segment.is_clipped.any()
-        ]
+        return [x for name, segment in self._ends() for x in self._suspicions_of(name, segment)]
+
+    def _suspicions_of(self, name: str, segment: Segment) -> Iterator[str]:
+        if _is_reversed(segment):
+            yield (
+                f"the forces of the {name} fall where it is deepest: attraction seems to be "
+                "positive. Reverse the forces by `-curve`."
+            )
+        if segment.is_clipped.any():
+            yield (
+                f"{np.sum(segment.is_clipped)} forces of the {name} are at the end of the range of "
+                "the detector: `corrected` leaves them out."
+            )
+        if _travel(segment) * 10.0 ** LENGTHS[self.unit] > _LARGEST_TRAVEL:
+            yield (
+                f"the heights of the {name} span {_travel(segment):.3g} {self.unit}, which no tip "
+                "moves: are they in another unit?"
+            )
 
     def corrected(self, baseline: Literal["linear", "constant"] = "linear") -> "ForceCurve":
         """Remove the baseline of the forces, and count heights from the contact point.
@@ -367,6 +376,12 @@ def require_baseline(baseline: object) -> None:
     """Raise `ValueError` for another kind of baseline than those known."""
     if baseline not in _BASELINES:
         raise ValueError(f"baseline is {baseline!r}: choose one of {', '.join(_BASELINES)}.")
+
+
+def _travel(segment: Segment) -> float:
+    """Return the range of the heights, zero if all are missing."""
+    heights = finite_values(segment.height)
+    return float(np.ptp(heights)) if heights.size else 0.0
 
 
 def _is_reversed(segment: Segment) -> bool:

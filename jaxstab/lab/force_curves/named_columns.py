@@ -131,6 +131,8 @@ def common_value(name: str, given: float | None, stated: float | None, unit: str
     Raises:
         ValueError: if they differ, or the number is not positive.
     """
+    if isinstance(given, str):
+        raise ValueError(f"the {name} is {given!r}: give a number in {unit}.")
     if given is not None and stated is not None and not np.isclose(given, stated, rtol=1e-3):
         raise ValueError(
             f"its {name} is {stated:.6g} {unit}, the given one {given:.6g} {unit}: leave that out. "
@@ -249,9 +251,7 @@ def _exponent(kind: str, title: str, unit: str) -> int:
         stated = "no unit"
         if unit:
             stated = f"the unit {unit!r}"
-        example = next(iter(table))
-        if table is FORCES:
-            example = "nN"
+        example = next(name for name in ("nN", "nm", *table) if name in table)
         raise ValueError(
             f"its column {title!r} has {stated}: name {_KINDS[kind]}, one of {', '.join(table)}, "
             f"as in `{kind} [{example}]`."

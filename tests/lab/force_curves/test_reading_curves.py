@@ -282,6 +282,16 @@ def test_a_contradicted_spring_constant_is_refused(tmp_path):
         read(tmp_path, table(), spring_constant=0.4)
 
 
+def test_numbers_and_units_that_are_mistaken_are_noticed(tmp_path):
+    with pytest.raises(ValueError, match=r"is '0\.4': give a number in N/m"):
+        read(tmp_path, table(TITLES), spring_constant="0.4")
+    with pytest.raises(ValueError, match=r"as in `height \[nm\]`"):
+        read(tmp_path, table("height,force [nN]"))
+    with pytest.warns(js.lab.force_curves.ForceCurveWarning, match="are they in another unit"):
+        curve = read(tmp_path, table(TITLES.replace("nm", "m")))
+    assert "which no tip moves" in repr(curve)
+
+
 def test_forces_with_the_wrong_sign_are_noticed_and_reversed(tmp_path):
     with pytest.warns(
         js.lab.force_curves.ForceCurveWarning, match="attraction seems to be positive"
