@@ -21,8 +21,10 @@ Part = Literal["approach", "retraction"]
 # and has five times the modulus. Before contact the misfit is so many times the noise, and this
 # part of the largest attraction.
 _MISFIT, _OF_FORCE, _OF_ATTRACTION = 3.0, 0.01, 0.03
-# An attraction may lie between fewer points near contact: adhesion is tried though none shows it.
-_FEW = 250
+# Adhesion is tried though no point shows an attraction if fewer points than these lie near contact,
+# between which it may act, or if the cantilever bends by so many times the indentation: it may jump
+# over the attraction into contact.
+_FEW, _SOFT = 250, 10.0
 
 
 def fit_curve(
@@ -90,7 +92,10 @@ def fit_curve(
         may_stick = data.attract and segment == "retraction"
     else:
         is_sparse = np.sum(data.is_near[data.group]) < _FEW
-        may_stick = data.attract or (is_sparse and not isinstance(tip, SphereOnPlate))
+        depth = fit.model.values(fit.found.x)[1] - data.tips.min()
+        is_soft = data.force.max() / data.stiffness > _SOFT * depth
+        may_hide = (is_sparse or is_soft) and not isinstance(tip, SphereOnPlate)
+        may_stick = data.attract or may_hide
     if may_stick:
         fit = curve_search.better(fit, curve_search.with_adhesion(data, tip))
     return _result_of(curve, fit, poisson_ratio, segment)

@@ -17,15 +17,17 @@ from jaxstab.lab.curve_model import inverse
 from jaxstab.lab.curve_search import correlated_variance
 from jaxstab.lab.fit import ForceCurveFit
 from jaxstab.lab.fit_curve import fit_curve
-from jaxstab.lab.time_means import TimeMeans
+from jaxstab.lab.time_means import TimeMeans, mean_forces
 from jaxstab.lab.tips import ElasticTip, Tip, paraboloid_radius
 from jaxstab.lab.viscoelastic_fit import ViscoelasticErrors, ViscoelasticFit
 
+# The places of the baselines and of the law among the numbers.
+_LINES, _LAW = slice(2, 6), slice(6, 8)
 # Starts: times over the duration of the approach, and sums of the ratios.
 _TIMES, _RATIOS = np.array([0.1, 0.5, 2.0]), np.array([0.5, 2.0])
 # Times, modulus and work are within these factors of the start, and ratios between these bounds: a
 # mode of the least one is none.
-_FAR_OFF, _WORK_OFF = 1e3, 1e3
+_FAR_OFF = 1e3
 _LEAST_RATIO, _LARGEST_RATIO = 1e-4, 1e3
 # A further mode is tried at so many times, from two steps of the means to the length of the curve,
 # and begins with a ratio of no less than this.
@@ -146,9 +148,9 @@ def _modes_asked_for(
 class _ViscoelasticModel(NamedTuple):
     """Forces in time as a function of numbers of the order of one.
 
-    The numbers are ln E, the contact point over the depth, baseline and tilt in units of the noise,
-    with adhesion ln w and the logarithm of the range, then the ratio of each mode and, unless times
-    are held, the logarithm of its time.
+    The numbers are ln E, the contact point over the depth, baseline and tilt of approach and pauses
+    and of a retraction with its own in units of the noise, with adhesion ln w and the logarithm of
+    the range, then the ratio of each mode and, unless times are held, the logarithm of its time.
     """
 
     means: TimeMeans
@@ -173,7 +175,7 @@ class _ViscoelasticModel(NamedTuple):
         branch = dugdale.without_adhesion(tip, modulus, means.depth, 0.0)
         adhesion = {}
         if is_sticky:
-            work, length = np.exp(x[4:6])
+            work, length = np.exp(x[_LAW])
             adhesion = {"work_of_adhesion": float(work), "length": float(length)}
         rings = js.Rings.for_contact(
             lambda radii: -_shape(tip, radii), modulus, force=float(branch.force[-1]), **adhesion
@@ -188,7 +190,7 @@ class _ViscoelasticModel(NamedTuple):
     @property
     def first_ratio(self) -> int:
         """The place of the first ratio among the numbers."""
-        return 6 if self.is_sticky else 4
+        return _LAW.stop if self.is_sticky else _LAW.start
 
     def num_modes(self, x: np.ndarray) -> int:
         """Return the number of modes of some numbers."""
@@ -206,11 +208,11 @@ class _ViscoelasticModel(NamedTuple):
         return np.exp(x[self.first_ratio + self.num_modes(x) :])
 
     def forces(self, x: np.ndarray) -> np.ndarray:
-        """Return the forces at all times, NaN if there is no equilibrium."""
+        """Return the mean forces of all steps, NaN if there is no equilibrium."""
         rings, means = self.rings, self.means
         law = js.potentials.NoAdhesion()
         if self.is_sticky:
-            law = js.potentials.Exponential(*np.exp(x[4:6]))
+            law = js.potentials.Exponential(*np.exp(x[_LAW]))
         half_space = js.solids.AxisymmetricHalfSpace(rings, np.exp(x[0]), self.poisson_ratio)
         times = self.relaxation_times(x)
         order = np.argsort(times)
@@ -222,12 +224,14 @@ class _ViscoelasticModel(NamedTuple):
             # A warning of a trial on the way tells nothing of the end.
             warnings.simplefilter("ignore")
             evolution = js.evolve(contact, load, means.times, progress=False, throw=False)
-        return np.asarray(evolution.force) + self._baseline(x)
+        forces = mean_forces(np.asarray(evolution.force), means.times, means.variances)
+        return forces + self._baseline(x)
 
     def _baseline(self, x: np.ndarray) -> np.ndarray:
         heights = self.means.heights
         away = (heights - heights.mean()) / np.ptp(heights)
-        return (x[2] + x[3] * away) * self.noise
+        lines = np.where(self.means.is_apart, x[4] + x[5] * away, x[2] + x[3] * away)
+        return lines * self.noise
 
     @property
     def is_mean(self) -> np.ndarray:
@@ -253,7 +257,7 @@ class _ViscoelasticModel(NamedTuple):
         for number, step in enumerate(steps):
             moved = x.copy()
             moved[number] += step
-            if number in (2, 3):
+            if number in range(_LINES.start, _LINES.stop):
                 away = (self._baseline(moved) - self._baseline(x)) / self.means.errors
                 columns.append(away[self.is_mean] / step)
             else:
@@ -264,10 +268,9 @@ class _ViscoelasticModel(NamedTuple):
         """Return the least squares over all numbers from a start."""
         low, high = x - np.log(_FAR_OFF), x + np.log(_FAR_OFF)
         low[1], high[1] = x[1] - 1, x[1] + 1
-        low[2:4], high[2:4] = -np.inf, np.inf
+        low[_LINES], high[_LINES] = -np.inf, np.inf
         if self.is_sticky:
-            low[4:6], high[4:6] = x[4:6] - np.log(_WORK_OFF), x[4:6] + np.log(_WORK_OFF)
-            low[5] = x[5] + np.log(_SHORTEST)
+            low[_LAW.stop - 1] = x[_LAW.stop - 1] + np.log(_SHORTEST)
         modes = slice(self.first_ratio, self.first_ratio + self.num_modes(x))
         low[modes], high[modes] = _LEAST_RATIO, _LARGEST_RATIO
         return least_squares(
@@ -288,7 +291,7 @@ def _start(
     """Return the best of some starts with one mode, or with all modes whose times are held."""
     tip, poisson_ratio = elastic.tip, elastic.poisson_ratio
     assert isinstance(tip, Tip)
-    first = [np.log(elastic.youngs_modulus), elastic.contact_point / means.depth, 0.0, 0.0]
+    first = [np.log(elastic.youngs_modulus), elastic.contact_point / means.depth, *np.zeros(4)]
     is_sticky = sticky.work_of_adhesion > 0
     if is_sticky:
         # Ranges of Dugdale's and of the exponential law are alike in the pressure that they make.
@@ -387,8 +390,8 @@ def _result_of(
     glassy = modulus * float(1 + ratios.sum())
     work, work_error, length, length_error = 0.0, np.nan, np.nan, np.nan
     if model.is_sticky:
-        work, length = map(float, np.exp(x[4:6]))
-        work_error, length_error = work * errors[4], length * errors[5]
+        work, length = map(float, np.exp(x[_LAW]))
+        work_error, length_error = np.array([work, length]) * errors[_LAW]
     order = np.argsort(times)
     forces = model.forces(x)
     used = model.is_mean

@@ -22,7 +22,9 @@ class TimeMeans(NamedTuple):
 
     Attributes:
         times, heights: of means and turns.
+        variances: of the times of a step, zero at turns.
         forces, errors: with infinite errors at turns.
+        is_apart: which times are of a retraction with a baseline of its own.
         depth, force: the largest ones.
         duration: of the approach near contact.
         stiffness: of the cantilever.
@@ -30,8 +32,10 @@ class TimeMeans(NamedTuple):
 
     times: np.ndarray
     heights: np.ndarray
+    variances: np.ndarray
     forces: np.ndarray
     errors: np.ndarray
+    is_apart: np.ndarray
     depth: float
     force: float
     duration: float
@@ -47,7 +51,8 @@ class TimeMeans(NamedTuple):
         drift = 0.0
         if correction.removes_drift and correction.drift is not None:
             drift = correction.drift
-        rows: list[tuple[float, float, float, float]] = []
+        rows: list[tuple[float, float, float, float, float]] = []
+        is_apart: list[bool] = []
         duration = 0.0
         for name in sorted(curve.segments, key=lambda name: float(np.nanmin(clocks[name]))):
             segment = curve.segments[name]
@@ -73,25 +78,40 @@ class TimeMeans(NamedTuple):
             noise = correction.approach.noise
             means = [_mean(time[one], height[one], force[one], noise) for one in pieces]
             ends = [
-                (time[place], _line_at(time[one], height[one], time[place]), np.nan, np.inf)
+                (time[place], _line_at(time[one], height[one], time[place]), 0.0, np.nan, np.inf)
                 for one, place in ((pieces[0], 0), (pieces[-1], -1))
             ]
             rows += [ends[0], *means, ends[1]]
+            is_apart += [has_far and name == "retraction"] * (len(means) + 2)
         columns = np.array(rows).T
         # A segment may begin at the time at which the one before has ended.
         is_later = np.append(True, np.diff(np.maximum.accumulate(columns[0])) > 0)
-        times, heights, forces, errors = columns[:, is_later]
+        times, heights, variances, forces, errors = columns[:, is_later]
         tips = heights + np.nan_to_num(forces) / curve.spring_constant
         return cls(
             times,
             heights,
+            variances,
             forces,
             errors,
+            np.array(is_apart)[is_later],
             float(-np.min(tips)),
             float(np.nanmax(forces)),
             duration,
             curve.spring_constant,
         )
+
+
+def mean_forces(forces: np.ndarray, times: np.ndarray, variances: np.ndarray) -> np.ndarray:
+    """Return means over steps of forces that are known at their mean times and at turns.
+
+    To second order a mean is f + f'' var(t) / 2, with f'' by the times before and after.
+    """
+    before, after = np.diff(times)[:-1], np.diff(times)[1:]
+    slopes = np.diff(forces) / np.diff(times)
+    curvatures = np.zeros(len(forces))
+    curvatures[1:-1] = 2 * np.diff(slopes) / (before + after)
+    return forces + curvatures * variances / 2
 
 
 def _steps(points: np.ndarray, count: int, grow: bool) -> list[np.ndarray]:
@@ -106,8 +126,8 @@ def _steps(points: np.ndarray, count: int, grow: bool) -> list[np.ndarray]:
 
 def _mean(
     time: np.ndarray, height: np.ndarray, force: np.ndarray, noise: float
-) -> tuple[float, float, float, float]:
-    """Return the means over points, with the standard error of the force.
+) -> tuple[float, float, float, float, float]:
+    """Return means of time and height, the variance of the times, and the force with its error.
 
     Forces that scatter by more than the noise about a line are of a jump, which is at one place.
     """
@@ -115,7 +135,8 @@ def _mean(
     away = force - np.polyval(np.polyfit(time - time[0], force, 1), time - time[0])
     excess = max(float(np.mean(away**2)) - _JUMP * noise**2, 0.0)
     error = np.sqrt(noise**2 / count + excess)
-    return float(time.mean()), float(height.mean()), float(force.mean()), float(error)
+    spread = float(np.var(time))
+    return float(time.mean()), float(height.mean()), spread, float(force.mean()), float(error)
 
 
 def _line_at(time: np.ndarray, height: np.ndarray, place: float) -> float:

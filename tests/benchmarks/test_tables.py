@@ -52,6 +52,7 @@ WAITING = {
             "studies",
             "validation",
             "viscoelastic",
+            "viscoelastic_fits",
         ),
         "made by its script alone, before tables had heads",
     ),

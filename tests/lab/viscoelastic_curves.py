@@ -26,13 +26,17 @@ def ting(height, time, ratio=RATIO, relaxation=TIME, steps=1500):
         """Return the force if the last indentation is this one."""
         trial = np.append(depth[:number], last)
         moduli = (kernel[1 : number + 1] + kernel[:number])[::-1] / 2
-        end = number
+        ends = trial
         if last < depth[:number].max():
-            flow = np.cumsum((moduli * np.diff(trial))[::-1])[::-1]
-            inside = np.flatnonzero(flow >= 0)
-            end = inside[-1] + 1 if inside.size else 0
-        powers = np.maximum(trial[: end + 1], 0) ** 1.5
-        return 4 / 3 * np.sqrt(RADIUS) * np.sum(moduli[:end] * np.diff(powers))
+            # The integral from each time on, and between which two it is zero.
+            flow = np.append(np.cumsum((moduli * np.diff(trial))[::-1])[::-1], 0.0)
+            place = int(np.argmax(flow < 0)) - 1
+            if place < 0:
+                return 0.0
+            share = flow[place] / (flow[place] - flow[place + 1])
+            ends = np.append(trial[: place + 1], np.interp(share, [0, 1], trial[place : place + 2]))
+        powers = np.maximum(ends, 0) ** 1.5
+        return 4 / 3 * np.sqrt(RADIUS) * np.sum(moduli[: len(powers) - 1] * np.diff(powers))
 
     for number in range(1, steps):
         low, high = below[number] - 2 * max(force[number - 1], 1e-12) / STIFFNESS, below[number]
