@@ -31,7 +31,7 @@ def test_a_notebook_is_stored_with_its_outputs_in_order(path):
 
 
 @pytest.mark.parametrize(
-    "name", ["ageing", "viscous_or_multistable", "thermal_pull_off", "stickiness"]
+    "name", ["ageing", "memory", "viscous_or_multistable", "thermal_pull_off", "stickiness"]
 )
 def test_a_study_quotes_the_stored_outputs_of_its_notebook(name):
     root = Path(__file__).parents[2]
