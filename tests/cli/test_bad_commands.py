@@ -130,7 +130,7 @@ def test_a_mistake_is_answered_before_anything_heavy_is_imported(arguments):
 @pytest.mark.parametrize(
     ("unbuffered", "arguments"),
     [
-        ("", ["cite", "equilibrate"]),
+        pytest.param("", ["cite", "equilibrate"], marks=pytest.mark.nightly),
         ("", ["run", "--help"]),
         ("1", ["--size", "8", "--k-high", "2"]),
     ],

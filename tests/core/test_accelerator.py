@@ -66,7 +66,6 @@ def test_without_throw_a_program_for_cuda_never_calls_the_host(program):
     assert "callback" not in program
 
 
-@pytest.mark.nightly
 def test_a_program_in_single_precision_computes_nothing_in_double(program):
     # Constants and the tolerance, a number for each entry, may wait in double to be converted.
     shapes = set(re.findall(r"tensor<([0-9x]*)f64>", program))
