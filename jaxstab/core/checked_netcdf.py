@@ -143,7 +143,8 @@ def _empty(layout: str, attributes: str) -> bytes:
     image = io.BytesIO()
     pairs = [zip(dims, shape, strict=True) for dims, shape, *_ in variables.values()]
     text = layout.encode()
-    # The first format with checksums of its structure; Fletcher-32 adds checksums of numbers.
+    # For other programs, which do not look at the digest: the first format with checksums of its
+    # structure, to which Fletcher-32 adds checksums of the numbers.
     with h5netcdf.File(image, "w", libver=("v110", "v110")) as file:
         file.dimensions = {name: size for pair in pairs for name, size in pair}
         file.attrs.update(json.loads(attributes))
