@@ -79,12 +79,12 @@ def take_step(problem: ContinuationProblem, step: ArclengthStep) -> ArclengthSte
         return cond(is_explained, lambda: taken, lambda: refused)
 
     after = cond(judgement.is_taken, accepted_step, lambda: refused)
-    length, is_there = _next_length(trial, after.is_new)
+    length, reached_last_load = _next_length(trial, after.is_new)
     return replace(
         after,
         length=length,
-        lands=judgement.lands,
-        is_there=is_there,
+        aims_at_last_load=judgement.overshoots,
+        reached_last_load=reached_last_load,
         is_found=judgement.is_found,
     )
 
@@ -112,6 +112,6 @@ def _next_length(trial: StepTrial, is_new: Flag) -> tuple[Scalar, Flag]:
     to_turn = before / jnp.where(judgement.turns, before - after, 1)
     to_turn = jnp.clip(_TO_TURN * to_turn, CUT, _TO_TURN)
     share = jnp.where(judgement.turns, to_turn, judgement.share)
-    share = jnp.where(judgement.lands, to_load, share)
+    share = jnp.where(judgement.overshoots, to_load, share)
     length = jnp.where(is_new, longer, share * target.reach)
-    return length, is_new & step.lands & ~target.is_change
+    return length, is_new & step.aims_at_last_load & ~target.is_change

@@ -74,7 +74,7 @@ def _crossing_on_chord(trial: StepTrial, events: StepEvents) -> tuple[TurnInStep
     here, there = both.modes[:, first]
     there *= jnp.where(total(here * there) < 0, -1, 1)
     crossing = TurnInStep(
-        is_there=agrees & ~judgement.turns & ~index_change.back,
+        exists=agrees & ~judgement.turns & ~index_change.back,
         at=start,
         kind=KINDS.bifurcation,
         mode=here + share * (there - here),
@@ -87,11 +87,11 @@ def _turn_or_crossing(
     turn: TurnInStep, crossing: TurnInStep, found: CorrectorOutcome
 ) -> TurnInStep:
     """Return the crossing if there is one, at the point that the corrector has found."""
-    is_there = crossing.is_there
+    exists = crossing.exists
     at = choose(found.is_found, found.place.at, crossing.at)
     return TurnInStep(
-        is_there=turn.is_there | is_there,
-        at=choose(is_there, at, turn.at),
-        kind=KINDS.where(is_there, crossing.kind, turn.kind),
-        mode=jnp.where(is_there, crossing.mode, turn.mode),
+        exists=turn.exists | exists,
+        at=choose(exists, at, turn.at),
+        kind=KINDS.where(exists, crossing.kind, turn.kind),
+        mode=jnp.where(exists, crossing.mode, turn.mode),
     )

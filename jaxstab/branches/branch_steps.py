@@ -164,8 +164,8 @@ def branch_from(
         expected=index,
         modes=modes,
         turn=TurnInStep(array(False), here.at, KINDS.fold, here.tangent.gap),
-        lands=array(False),
-        is_there=array(False),
+        aims_at_last_load=array(False),
+        reached_last_load=array(False),
         is_new=array(True),
         is_found=array(True),
     )
@@ -193,7 +193,7 @@ def _after(
     # No step is long enough if the loads are equal or not finite, which under JAX nothing refuses.
     no_more = ~(step.length > problem.min_step)
     unclear = ENDS.where(step.is_found, ENDS.uncertain, ENDS.lost)
-    end = ENDS.where(no_more & ~step.is_new & ~step.lands, unclear, ENDS.states)
+    end = ENDS.where(no_more & ~step.is_new & ~step.aims_at_last_load, unclear, ENDS.states)
     # In full contact a load that holds the gap stays where it is, whatever the pressure.
     is_stuck = ~jnp.any(step.here.is_free) & (problem.curve.load_gradient.pressure == 0)
     end = ENDS.where(is_stuck, ENDS.full_contact, end)
@@ -202,7 +202,7 @@ def _after(
     end = ENDS.where(goes_apart(problem.curve, step) & is_before, ENDS.separated, end)
     is_loop = step.is_new & closes_loop(problem.curve, branch, step.here.at)
     end = ENDS.where(is_loop, ENDS.loop, end)
-    end = ENDS.where(step.is_there, ENDS.load, end)
+    end = ENDS.where(step.reached_last_load, ENDS.load, end)
     return branch.count + step.is_new, end
 
 

@@ -181,7 +181,7 @@ def _record_of(problem: ContinuationProblem, branch: BranchState) -> Record[Entr
     """Return the record of the last step of a branch: its state, and the turn before it."""
     entry, turn = entry_of(problem, branch)
     is_new = concrete(branch.step.is_new)
-    return Record(entry, is_new, turn, is_new & concrete(branch.step.turn.is_there))
+    return Record(entry, is_new, turn, is_new & concrete(branch.step.turn.exists))
 
 
 def _follow(

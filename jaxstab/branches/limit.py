@@ -293,13 +293,13 @@ def _search_after(
     """Return the search after a step from an old to a new state."""
     taken = problem.curve.length(new.step.here.at.minus(old.step.here.at))
     is_unstable = (old.step.index == 0) & (new.step.index > 0)
-    is_past = new.step.is_new & (new.step.turn.is_there | is_unstable)
+    is_past = new.step.is_new & (new.step.turn.exists | is_unstable)
     width = jnp.where(is_past, taken, search.width - taken)
     width = jnp.where(new.step.is_new, width, search.width)
     # Stable states up to there and beyond: a long step had leapt to another branch.
     width = jnp.where(width < 0, jnp.inf, width)
     closest = EQUILIBRIUM[problem.max_step.dtype.name] * problem.max_step
-    is_bracketed = is_past & (new.step.turn.is_there | (width <= 2 * closest))
+    is_bracketed = is_past & (new.step.turn.exists | (width <= 2 * closest))
     count = search.count + 1
     next_length = jnp.where(is_past, old.step.length, new.step.length)
     return _LimitSearch(
@@ -344,10 +344,10 @@ def _limit_candidate(problem: ContinuationProblem, search: _LimitSearch) -> _Can
     new = search.after.step
     is_free = old.here.is_free & new.here.is_free
     turn = new.turn
-    is_release = turn.is_there & (turn.kind != KINDS.fold)
+    is_release = turn.exists & (turn.kind != KINDS.fold)
     released = (old.here.is_free ^ new.here.is_free) & is_release
     first = jnp.arange(released.size).reshape(released.shape) == jnp.argmax(released)
-    at = choose(turn.is_there, turn.at, new.here.at)
+    at = choose(turn.exists, turn.at, new.here.at)
     gap = jnp.where(is_free, jnp.maximum(at.gap, 0), 0)
     at = BorderedVector(gap, at.pressure)
     return _Candidate(
@@ -391,7 +391,7 @@ def limit_between(
     tangent = new.here.tangent.gap
     mode = pair.mode
     along = jnp.abs(total(tangent * mode))
-    crosses = ~new.turn.is_there & (
+    crosses = ~new.turn.exists & (
         along < _LEAST_COSINE * jnp.sqrt(total(tangent**2) * total(mode**2))
     )
     splits = is_release & (new.turn.kind == KINDS.bifurcation)

@@ -172,7 +172,7 @@ def account_of(trial: StepTrial, events: StepEvents) -> Account:
         index=index,
         expected=jnp.where(is_unknown, UNKNOWN, expected).astype(int),
         turn=TurnInStep(
-            is_there=judgement.turns | index_change.back | splits,
+            exists=judgement.turns | index_change.back | splits,
             at=events.fold.at,
             kind=KINDS.where(splits, KINDS.bifurcation, kind),
             mode=mode,

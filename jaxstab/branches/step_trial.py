@@ -51,8 +51,8 @@ class ArclengthStep(eqx.Module):
         expected: the number with which the branch goes on, `UNKNOWN` where it may be any.
         modes: the lowest modes there.
         turn: the turning point or bifurcation passed on the way to it, if there is one.
-        lands: whether the next step is one to the last load.
-        is_there: whether this one was.
+        aims_at_last_load: whether the next step is one to the last load.
+        reached_last_load: whether this one was.
         is_new: whether it is a new state; otherwise the step was cut.
         is_found: whether a state was found at all, of this branch or not.
     """
@@ -63,8 +63,8 @@ class ArclengthStep(eqx.Module):
     expected: Int[Array, ""]
     modes: Block
     turn: "TurnInStep"
-    lands: Flag
-    is_there: Flag
+    aims_at_last_load: Flag
+    reached_last_load: Flag
     is_new: Flag
     is_found: Flag
 
@@ -73,13 +73,13 @@ class TurnInStep(eqx.Module):
     """A turning point or a bifurcation in a step.
 
     Attributes:
-        is_there: whether there is one.
+        exists: whether there is one.
         at: the point.
         kind: its kind.
         mode: the direction of the branch there, or of another one that crosses it.
     """
 
-    is_there: Flag
+    exists: Flag
     at: BorderedVector
     kind: KINDS
     mode: Field
@@ -120,7 +120,8 @@ class Judgement(eqx.Module):
         gap: its gap, without the corrector's error where it is taken [length].
         is_found: whether it is a point of some curve.
         is_taken: whether it is the next state, if the events in the step explain it.
-        lands: whether it lies on this curve, but beyond the last load: the next step leads there.
+        overshoots: whether it lies on this curve, but beyond the last load, to which the next step
+            leads then.
         turns: whether the load turns in the step.
         share: the part of the step to try next if this one is not taken.
         is_easy: whether the next step may be longer.
@@ -129,7 +130,7 @@ class Judgement(eqx.Module):
     gap: Field
     is_found: Flag
     is_taken: Flag
-    lands: Flag
+    overshoots: Flag
     turns: Flag
     share: Scalar
     is_easy: Flag
@@ -167,7 +168,7 @@ def target_of(problem: ContinuationProblem, step: ArclengthStep) -> Target:
     changes = changes_ahead(curve, old, problem.min_step)
     most = most_changes(changes.net.size)
     # A change right before the last load is passed with it.
-    number = jnp.sum(changes.distances <= length - step.lands * problem.min_step)
+    number = jnp.sum(changes.distances <= length - step.aims_at_last_load * problem.min_step)
     follows = (number > jnp.sum(changes.tied)) & (most > 1)
     if most > 1:
         length = jnp.minimum(length, jnp.sort(changes.distances.ravel())[most])
@@ -183,7 +184,7 @@ def target_of(problem: ContinuationProblem, step: ArclengthStep) -> Target:
     span = jnp.abs(problem.last_load - problem.first_load)
     end = on_plane(curve.load_gradient, problem.last_load - curve.load_offset, span)
     event = at_change(curve, changes.point, opens, problem.max_step)
-    condition = choose(is_change, event, choose(step.lands, end, ahead))
+    condition = choose(is_change, event, choose(step.aims_at_last_load, end, ahead))
 
     predicted = old.at.plus(old.tangent, reach)
     least = jnp.where(curve.contact.has_core, old.at.gap / 5, -jnp.inf)
@@ -224,9 +225,9 @@ def judge(
     is_easy = cosine > _STRAIGHT
 
     turns = curve.rate(old.tangent) * curve.rate(tangent) < 0
-    beyond = problem.is_beyond(place.at) & ~(step.lands & ~target.is_change)
+    beyond = problem.is_beyond(place.at) & ~(step.aims_at_last_load & ~target.is_change)
     is_sound = found.is_found & is_near & is_straight & is_smooth
-    is_sound &= ~(turns & (target.is_change | step.lands | beyond))
+    is_sound &= ~(turns & (target.is_change | step.aims_at_last_load | beyond))
     gap = jnp.where(place.is_free, jnp.maximum(place.at.gap, 0), 0)
     gap = jnp.where(target.is_change & changes.point, 0, gap)
     # Of a turn beside a change of the free points it is not known which came first.
@@ -237,7 +238,7 @@ def judge(
         gap=gap,
         is_found=found.is_found,
         is_taken=is_taken,
-        lands=is_sound & beyond,
+        overshoots=is_sound & beyond,
         turns=turns,
         share=share,
         is_easy=is_easy,

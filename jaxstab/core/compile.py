@@ -62,7 +62,7 @@ def in_pieces(function: Callable[Given, Out]) -> Callable[Given, Out]:
 
     In a trace, or under a transformation, it is one program, by the entries of a batch.
     """
-    # A program, or `jax.vmap` outside of `jax.jit` would compile it anew with each call.
+    # Compiled, since `jax.vmap` outside of `jax.jit` would otherwise compile it with each call.
     return _one_of(program(by_entries(function)), function)
 
 

@@ -130,12 +130,12 @@ def held_mean_pressure(
     return mean_pressure / jnp.where(share > 0, share, 1)
 
 
-def onto_load(gap: Field, mean_gap: ArrayLike) -> Field:
+def scaled_to_mean(gap: Field, mean_gap: ArrayLike) -> Field:
     """Return a gap that is nowhere negative, scaled to the mean that is prescribed (4, 13)."""
     return gap * (mean_gap * gap.size / total(gap))
 
 
-def onto_load_with_indentation(gap: Field, mean_gap: ArrayLike) -> Field:
+def signed_to_mean(gap: Field, mean_gap: ArrayLike) -> Field:
     """Return a signed gap of the mean that is prescribed, of which one part is scaled.
 
     It is the open part, or if no scale of that has the mean, as where hardly a point is open, the

@@ -26,8 +26,7 @@ from jaxstab.equilibrium.equilibrium import (
     equilibrium_at,
 )
 from jaxstab.equilibrium.posing import PosedLoad, finish, pose, warn_at_edges
-from jaxstab.equilibrium.solvers.base import EquilibriumSolver, Problem
-from jaxstab.equilibrium.solvers.base import State as SolverState
+from jaxstab.equilibrium.solvers.base import EquilibriumSolver, Problem, SolverState
 from jaxstab.equilibrium.solvers.conjugate_gradients import PreconditionedConjugateGradient
 from jaxstab.equilibrium.start import start_of
 from jaxstab.equilibrium.validity import warn_beyond_hardness
@@ -149,19 +148,19 @@ def find(contact: Contact, load: Load, solver: EquilibriumSolver, start: Field) 
 @by_entries
 def _find(contact: Contact, load: Load, solver: EquilibriumSolver, initial: Field) -> Equilibrium:
     problem = Problem.of(contact, contact.control(load))
-    return conclude(contact, load, solver.run(problem, starting_gap(contact, load, initial)))
+    return conclude(contact, load, solver.run(problem, restored_start(contact, load, initial)))
 
 
-def starting_gap(contact: Contact, load: Load, initial: Field) -> Field:
+def restored_start(contact: Contact, load: Load, initial: Field) -> Field:
     """Return a gap to start a solver from, NaN for a load or a contact without an answer."""
     control = contact.control(load)
     start = initial.astype(contact.heights.dtype)
     if contact.hardness is None:
         start = jnp.maximum(start, 0)
-    size = jnp.ones((), start.dtype)
     if control.fixes_mean and contact.hardness is None:
-        size = jnp.max(start)
-    start = start / jnp.where(control.is_feasible & contact.is_valid, size, jnp.nan)
+        # Only its shape counts, and a sum of numbers near one has no overflow.
+        start = start / jnp.max(start)
+    start = jnp.where(control.is_feasible & contact.is_valid, start, jnp.nan)
     gap = control.restore(start)
     lift = partial(_lift_off_core, contact, control)
     return jax.lax.cond(contact.has_core, lift, lambda gap: gap, gap)

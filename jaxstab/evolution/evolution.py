@@ -243,7 +243,9 @@ def _instant(
     contact: Contact, load: Load, memory: Memory, result: RESULTS
 ) -> tuple[Contact, Equilibrium]:
     moved = moved_contact(contact, memory, jnp.zeros((), memory.gap.dtype))
-    return moved, state_at(moved, on_gap(contact, load), or_nan(memory.gap, result))
+    return moved, state_at(
+        moved, mean_displacement_as_gap(contact, load), or_nan(memory.gap, result)
+    )
 
 
 def or_nan(tree: Tree, result: RESULTS) -> Tree:
@@ -274,7 +276,7 @@ def moved_contact(contact: Contact, memory: Memory, dt: Scalar) -> Contact:
     return eqx.tree_at(lambda contact: (contact.solid, contact.heights), contact, moved)
 
 
-def on_gap(contact: Contact, load: Load) -> Load:
+def mean_displacement_as_gap(contact: Contact, load: Load) -> Load:
     """Return a mean displacement as the mean gap, which no memory moves, and other loads."""
     control: Any = contact.control(load)
     if isinstance(load, MeanDisplacement):

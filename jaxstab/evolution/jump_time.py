@@ -17,7 +17,7 @@ from jaxstab.core.implicit import nan_if
 from jaxstab.core.types import Field, Scalar
 from jaxstab.equilibrium.derivatives import free_system, third_derivative
 from jaxstab.equilibrium.equilibrium import fields_of
-from jaxstab.evolution.evolution import Memory, moved_contact, on_gap
+from jaxstab.evolution.evolution import Memory, mean_displacement_as_gap, moved_contact
 from jaxstab.loads import Load
 
 # An event lies no farther ahead than the jump by this factor, to leading order.
@@ -78,7 +78,9 @@ def _instant(
     contact: Contact, load: Load, slope: Scalar, memory: Memory, dt: Scalar
 ) -> tuple[Contact, Load]:
     """Return the contact that answers at once, a little later, and its load."""
-    return moved_contact(contact, memory, dt), on_gap(contact, load.at(load.value + slope * dt))
+    return moved_contact(contact, memory, dt), mean_displacement_as_gap(
+        contact, load.at(load.value + slope * dt)
+    )
 
 
 def _balance(

@@ -30,7 +30,13 @@ from jaxstab.core.results import RESULTS
 from jaxstab.core.types import Field, Flag, Scalar
 from jaxstab.equilibrium import PreconditionedConjugateGradient
 from jaxstab.equilibrium.equilibrate import solve
-from jaxstab.evolution.evolution import Memory, Totals, moved_contact, on_gap, or_nan
+from jaxstab.evolution.evolution import (
+    Memory,
+    Totals,
+    mean_displacement_as_gap,
+    moved_contact,
+    or_nan,
+)
 from jaxstab.loads import Load, Spring
 from jaxstab.potentials import energy_density
 from jaxstab.solids.solid import finite_or_zero
@@ -118,7 +124,7 @@ def take_step(
     memory = old.memory
     before = old.totals
     moved = moved_contact(contact, memory, dt)
-    load = on_gap(contact, load)
+    load = mean_displacement_as_gap(contact, load)
     control = moved.control(load)
     start = memory.gap
     if control.fixes_mean:

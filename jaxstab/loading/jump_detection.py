@@ -36,13 +36,13 @@ _MAX_CURVATURE = 4
 # branch may show. Once a step has failed the second number counts: to reject a step too early then
 # costs no more than another halving.
 _MAX_FALL = 20
-_MAX_FALL_IN_BISECTION = 5
+_MAX_FALL_IN_BRACKET = 5
 # The error that a step aims at, over the largest one of a step on a branch.
 _AIM = 0.7
 
 
-class Bisection(eqx.Module):
-    """The knowledge of a load ahead that a step has failed to reach.
+class JumpBracket(eqx.Module):
+    """The bracket of the load at which the branch ends: a step has failed to reach its far end.
 
     Attributes:
         distance: how far ahead the nearest such load lies; infinite if there is none.
@@ -67,7 +67,7 @@ class PathSearch(eqx.Module):
         here: the last state accepted.
         previous: the state accepted before that.
         next_length: the length of the next step.
-        bisection: for the end of the branch.
+        bracket: for the end of the branch.
         leg: the number of the leg of the load path, from one turning point to the next.
         is_apart: whether the load has pulled the surfaces apart.
         state_number: the number of the last state recorded.
@@ -77,7 +77,7 @@ class PathSearch(eqx.Module):
     here: PathPoint
     previous: PathPoint
     next_length: Scalar
-    bisection: Bisection
+    bracket: JumpBracket
     leg: Int[Array, ""]
     is_apart: Flag
     state_number: Int[Array, ""]
@@ -154,27 +154,27 @@ class StepOutcome(eqx.Module):
 def next_step(load_path: LoadPath, search: PathSearch) -> TrialStep:
     """Return the next step to try."""
     here = search.here
-    bisection = search.bisection
+    bracket = search.bracket
     target = load_path.load.value[search.leg + 1]
     left = jnp.abs(target - here.value)
     # Where it failed by its length alone, the rest of the step is right.
-    tries_whole = (bisection.distance <= bisection.nearness) | (bisection.error <= 1)
-    within = jnp.where(tries_whole, bisection.distance, bisection.distance / 2)
-    length = jnp.minimum(jnp.where(bisection.is_active, within, search.next_length), left)
+    tries_whole = (bracket.distance <= bracket.nearness) | (bracket.error <= 1)
+    within = jnp.where(tries_whole, bracket.distance, bracket.distance / 2)
+    length = jnp.minimum(jnp.where(bracket.is_active, within, search.next_length), left)
     # No step is left over that is shorter than jumps are located.
     is_end = left <= length + load_path.resolution
     length = jnp.where(is_end, left, length)
     # The last step to a load that failed is a jump, if it fails again.
-    distance = bisection.distance
+    distance = bracket.distance
     if load_path.finds_all:
         distance = length
-    is_final = bisection.is_active & (distance <= bisection.nearness)
+    is_final = bracket.is_active & (distance <= bracket.nearness)
     change = jnp.sign(target - here.value) * length
     value = jnp.where(is_end, target, here.value + change)
     moved = here.signed_gap - search.previous.signed_gap
     rate = moved / _nonzero(here.value - search.previous.value)
     # At the end of a branch the energy is lowered from its last state.
-    stays = bisection.is_active
+    stays = bracket.is_active
     if load_path.finds_all:
         stays = is_final
     moves = here.value != search.previous.value
@@ -196,7 +196,7 @@ def _least_potential(load_path: LoadPath, search: PathSearch, change: Scalar) ->
     previous = search.previous
     slope = (here.force - previous.force) / _nonzero(here.value - previous.value)
     predicted = here.potential + change * (here.force + change * slope / 2)
-    fall = jnp.where(search.bisection.is_active, _MAX_FALL_IN_BISECTION, _MAX_FALL)
+    fall = jnp.where(search.bracket.is_active, _MAX_FALL_IN_BRACKET, _MAX_FALL)
     return predicted - fall * load_path.smallest_loss(here)
 
 
@@ -261,15 +261,15 @@ def apply_step(
     is_apart = (search.is_apart & ~outcome.is_touch) | outcome.is_pulled
     is_state = accepts & ~is_apart
 
-    bisection = _bisect(load_path, search.bisection, trial, outcome)
+    bracket = _narrow_bracket(load_path, search.bracket, trial, outcome)
     next_length = _next_length(load_path, search, trial, outcome)
     # The solver may find its way from further on, but not from anywhere.
     has_failed = outcome.is_lost & (trial.is_end | (trial.length > load_path.max_step / FARTHER))
     after = PathSearch(
         here=here,
         previous=previous,
-        next_length=jnp.where(accepts & ~bisection.is_active, next_length, search.next_length),
-        bisection=bisection,
+        next_length=jnp.where(accepts & ~bracket.is_active, next_length, search.next_length),
+        bracket=bracket,
         leg=search.leg + (accepts & trial.is_end),
         is_apart=is_apart,
         state_number=search.state_number + is_state,
@@ -288,19 +288,19 @@ def apply_step(
     return after, Record(here, is_state, event, is_event)
 
 
-def _bisect(
-    load_path: LoadPath, bisection: Bisection, trial: TrialStep, outcome: StepOutcome
-) -> Bisection:
-    """Return the knowledge of a load ahead after a step."""
+def _narrow_bracket(
+    load_path: LoadPath, bracket: JumpBracket, trial: TrialStep, outcome: StepOutcome
+) -> JumpBracket:
+    """Return the bracket of the end of the branch after a step, which `next_step` halves."""
     accepts = outcome.is_accepted
-    distance = jnp.where(accepts, bisection.distance - trial.length, trial.length)
+    distance = jnp.where(accepts, bracket.distance - trial.length, trial.length)
     is_over = outcome.is_event | (distance <= 0) | (accepts & trial.is_end)
     # An error of quadrature falls with the cube of the length, the loss of a jump does not.
-    error = jnp.where(accepts, bisection.error / 8, outcome.error)
+    error = jnp.where(accepts, bracket.error / 8, outcome.error)
     # Where the solver is lost right beyond the end, it may find its way from further on.
     distance = jnp.where(outcome.is_lost, FARTHER * distance, distance)
-    nearness = jnp.where(outcome.is_lost, distance, bisection.nearness)
-    return Bisection(
+    nearness = jnp.where(outcome.is_lost, distance, bracket.nearness)
+    return JumpBracket(
         jnp.where(is_over, jnp.inf, distance),
         error,
         jnp.where(is_over, load_path.resolution, nearness),
@@ -314,7 +314,7 @@ def _next_length(
     growth = jnp.cbrt(_AIM / jnp.maximum(outcome.error, jnp.finfo(outcome.error.dtype).tiny))
     next_length = jnp.minimum(trial.length * jnp.clip(growth, 0.5, 2), load_path.max_step)
     # A load that was only too far away is passed by steps that grow again.
-    next_length = jnp.where(search.bisection.is_active, 2 * trial.length, next_length)
+    next_length = jnp.where(search.bracket.is_active, 2 * trial.length, next_length)
     # A step cut short by the end of a leg, to no length even, says nothing against a long one.
     next_length = jnp.where(trial.is_end, jnp.maximum(next_length, search.next_length), next_length)
     next_length = jnp.where(outcome.is_event, load_path.first_step, next_length)

@@ -15,7 +15,7 @@ from jaxstab.core.types import Field, Flag
 from jaxstab.equilibrium import Equilibrium
 from jaxstab.loading.event import no_event
 from jaxstab.loading.jump_detection import (
-    Bisection,
+    JumpBracket,
     PathSearch,
     apply_step,
     next_step,
@@ -99,7 +99,7 @@ def _first_state(load_path: LoadPath, found: Equilibrium) -> tuple[PathSearch, R
         here=here,
         previous=here,
         next_length=load_path.first_step,
-        bisection=Bisection(zero + jnp.inf, zero, load_path.resolution),
+        bracket=JumpBracket(zero + jnp.inf, zero, load_path.resolution),
         leg=none,
         is_apart=no,
         state_number=none,

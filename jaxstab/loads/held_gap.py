@@ -40,8 +40,8 @@ class GapControl(Control):
     def restore(self, gap: Field) -> Field:
         """Return the gap scaled to its mean."""
         if self.largest_reaction is None:
-            return model.onto_load(gap, self.mean_gap)
-        return model.onto_load_with_indentation(gap, self.mean_gap)
+            return model.scaled_to_mean(gap, self.mean_gap)
+        return model.signed_to_mean(gap, self.mean_gap)
 
     def admissible(self, gap: Field, side: Field | None = None) -> Field:
         """Return the gap cut at zero, and scaled to its mean."""

@@ -101,7 +101,7 @@ class SpringControl(PressingControl):
         """Return the gap cut at zero; for a stiff spring, scaled to the mean it had before."""
         cut = self.cut(gap, side)
         if self.largest_reaction is not None:
-            scaled = model.onto_load_with_indentation(cut, mean(gap))
+            scaled = model.signed_to_mean(cut, mean(gap))
             return jnp.where(self.is_stiff, scaled, cut)
         before = total(gap)
         after = total(cut)

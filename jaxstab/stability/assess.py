@@ -178,11 +178,12 @@ def _stability(equilibrium: Equilibrium, state: AssessedState, found: SmallestPa
     cone = replace(cone, bound=jnp.maximum(cone.bound, lower_bound.bound))
     critical = replace(critical, bound=jnp.maximum(critical.bound, cone.bound))
     result = first_failure(lower_bound, cone, critical)
-    # Where all points in doubt may move and nothing gives way, nothing does where they stay.
-    holds = (critical.sign > 0) | (critical_hull.sign > 0)
+    # If the smallest eigenvalue is positive with all doubtful points free, so is the one on the
+    # smaller cone.
+    is_critical_positive = (critical.sign > 0) | (critical_hull.sign > 0)
     verdict = VERDICTS.where(
         result == RESULTS.successful,
-        verdict_on(lower_bound, cone, critical, holds),
+        verdict_on(lower_bound, cone, critical, is_critical_positive),
         VERDICTS.undecided,
     )
     is_held = verdict == VERDICTS.held_by_contact

@@ -97,8 +97,10 @@ class ConeStart(eqx.Module):
 @program
 def start_from_hull(solver: ProjectedLOBPCG, cone: AdmissibleCone, hull: Lowest) -> ConeStart:
     """Return the lowest mode around a cone as the start on it, and whether it is the answer."""
-    starts, _, is_answer = cone_starts(solver, cone, hull.pair.result, hull.modes, hull.modes[:0])
-    is_known = is_answer | cone.is_trivial
+    starts, _, is_proved_lowest = cone_starts(
+        solver, cone, hull.pair.result, hull.modes, hull.modes[:0]
+    )
+    is_known = is_proved_lowest | cone.is_trivial
     unknown = jnp.full_like(hull.pair.eigenvalue, jnp.nan)
     none = jnp.array(0)
     return ConeStart(starts[0], jnp.array(True), is_known, unknown, (none, none))

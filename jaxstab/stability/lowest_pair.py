@@ -42,8 +42,8 @@ class Lowest(eqx.Module):
     sign: Int[Array, ""]
     modes: Block
 
-    def known_before(self) -> "Lowest":
-        """Return the same pair at no cost."""
+    def without_cost(self) -> "Lowest":
+        """Return the same pair without its steps and applications, which are counted already."""
         none = array(0)
         return replace(self, pair=replace(self.pair, num_steps=none, num_applications=none))
 
@@ -114,15 +114,15 @@ def mode_on_cone(
     if before is not None:
         random = jnp.concatenate([before[None], random])
     cone = problem.domain
-    starts, is_needed, is_answer = cone_starts(solver, cone, hull_result, modes, random)
-    return solver.solve(problem.operator, cone, starts, is_needed), is_answer
+    starts, is_needed, is_proved_lowest = cone_starts(solver, cone, hull_result, modes, random)
+    return solver.solve(problem.operator, cone, starts, is_needed), is_proved_lowest
 
 
 def lowest_of(
     problem: ConeProblem,
     found: Minimum,
     modes: Block,
-    is_answer: Flag | None = None,
+    is_proved_lowest: Flag | None = None,
     before: Cost | None = None,
 ) -> Lowest:
     """Return the lowest pair on a cone, or on the linear space around it, from the mode found.
@@ -131,15 +131,15 @@ def lowest_of(
         problem: A, and the cone.
         found: the mode, as a solver has left it.
         modes: the lowest ones of the linear space.
-        is_answer: whether none on the cone is lower; None for a mode of the linear space.
+        is_proved_lowest: whether none on the cone is lower; None for a mode of the linear space.
         before: the cost of what the solver started from.
     """
-    is_space = is_answer is None
-    if is_answer is None:
-        is_answer = array(True)
+    is_space = is_proved_lowest is None
+    if is_proved_lowest is None:
+        is_proved_lowest = array(True)
     if before is None:
         before = array(0), array(0)
-    pair, sign = _pair_of(problem, found, before, array(is_space), is_answer)
+    pair, sign = _pair_of(problem, found, before, array(is_space), is_proved_lowest)
     return Lowest(pair, sign, modes)
 
 
@@ -149,13 +149,13 @@ def _pair_of(
     found: Minimum,
     before: Cost,
     is_space: Flag,
-    is_answer: Flag,
+    is_proved_lowest: Flag,
 ) -> tuple[Eigenpair, Int[Array, ""]]:
     """Return the eigenpair of a vector on a cone, or on the space around it, and its sign."""
     cone = problem.domain
     pair = eigenpair_of(problem.operator, cone.hull_if(is_space), found, found.vector)
     # In any other case a lower minimum may have been missed.
-    pair = pair.with_proof(is_answer | cone.is_trivial)
+    pair = pair.with_proof(is_proved_lowest | cone.is_trivial)
     pair = with_cost(before, pair)
     return pair, pair.sign
 
@@ -172,14 +172,14 @@ def cone_starts(
     on_contact = jnp.where(cone.one_sided, cone.inward(modes[0]), 0)
     entering, away = norms([jnp.minimum(on_contact, 0), jnp.maximum(on_contact, 0)])
     is_admissible = jnp.minimum(entering, away) <= solver.tolerance_in(entering.dtype)
-    is_answer = (hull_result == RESULTS.successful) & is_admissible
-    lowest = jnp.where(is_answer & (away < entering), -modes[0], modes[0])
+    is_proved_lowest = (hull_result == RESULTS.successful) & is_admissible
+    lowest = jnp.where(is_proved_lowest & (away < entering), -modes[0], modes[0])
     starts = jnp.concatenate([lowest[None], modes[1:2], -modes[:2], random])
-    is_needed = ~is_answer | (jnp.arange(len(starts)) == 0)
+    is_needed = ~is_proved_lowest | (jnp.arange(len(starts)) == 0)
     size = cone.one_sided.size
     one_sided = cone.one_sided
     if size <= _FEW:
         lifted = cone.inward(jnp.eye(size, dtype=starts.dtype).reshape(size, *one_sided.shape))
         starts = jnp.concatenate([starts, lifted])
-        is_needed = jnp.concatenate([is_needed, ~is_answer & one_sided.ravel()])
-    return starts, is_needed, is_answer
+        is_needed = jnp.concatenate([is_needed, ~is_proved_lowest & one_sided.ravel()])
+    return starts, is_needed, is_proved_lowest

@@ -65,7 +65,7 @@ def smallest_eigenpairs(
     hull = cond(
         is_undecided,
         lambda: lowest_on_hull(spaces, problem, key),
-        lambda: lower_bound.known_before(),
+        lambda: lower_bound.without_cost(),
     )
     is_weak = is_undecided & concrete(problems.is_weak)
     critical = _lowest_on_cone(fast, spaces, problem, hull, key, is_weak)
@@ -126,7 +126,7 @@ def _lowest_on_cone(
             return from_all_starts(solver, problem, hull, key)
         return from_one_start(solver, spaces, problem, hull, key)
 
-    return cond(is_needed, search, lambda: hull.known_before())
+    return cond(is_needed, search, lambda: hull.without_cost())
 
 
 def from_one_start(
@@ -150,8 +150,8 @@ def from_one_start(
         rough = roughly(solver, fine)
         coarse, _ = mode_on_cone(rough, coarse_problem, coarse_hull.result, modes, random)
         start = start_from_coarse(coarse_problem, coarse_hull, coarse, fine)
-    found, is_answer = mode_from(solver, problem, start)
-    first = lowest_of(problem, found, hull.modes, is_answer, start.cost)
+    found, is_proved_lowest = mode_from(solver, problem, start)
+    first = lowest_of(problem, found, hull.modes, is_proved_lowest, start.cost)
     if is_trusted(start, first):
         return first
     return from_all_starts(solver, problem, hull, key, first)
@@ -172,5 +172,5 @@ def from_all_starts(
         mode = before.pair.mode
         cost = before.cost
     result = hull.pair.result
-    found, is_answer = mode_on_cone(solver, problem, result, hull.modes, random, mode)
-    return lowest_of(problem, found, hull.modes, is_answer, cost)
+    found, is_proved_lowest = mode_on_cone(solver, problem, result, hull.modes, random, mode)
+    return lowest_of(problem, found, hull.modes, is_proved_lowest, cost)

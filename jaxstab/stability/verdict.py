@@ -104,10 +104,10 @@ class Stability(Outcome):
 
 
 def verdict_on(
-    lower_bound: Eigenpair, cone: Eigenpair, critical: Eigenpair, holds: Flag
+    lower_bound: Eigenpair, cone: Eigenpair, critical: Eigenpair, is_critical_positive: Flag
 ) -> VERDICTS:
     """Return the verdict on three eigenpairs, given whether contact is sure to hold."""
-    is_held = (cone.sign < 0) & holds
+    is_held = (cone.sign < 0) & is_critical_positive
     verdict = VERDICTS.where(is_held, VERDICTS.held_by_contact, VERDICTS.undecided)
     verdict = VERDICTS.where(critical.sign < 0, VERDICTS.unstable, verdict)
     is_stable = (cone.sign > 0) | (lower_bound.sign > 0)

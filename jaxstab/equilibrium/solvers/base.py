@@ -15,7 +15,7 @@ from jaxstab.core.types import Field
 from jaxstab.loads.load import Control
 
 
-class State(eqx.Module):
+class SolverState(eqx.Module):
     """A gap that meets the load and is nowhere negative, and how far it is from equilibrium."""
 
     gap: Field
@@ -41,13 +41,13 @@ class Problem:
         """Return the problem of a contact under the condition of a load."""
         return cls(contact, control, contact.balance(control))
 
-    def state(self, gap: Field, side: Field | None = None) -> State:
+    def state(self, gap: Field, side: Field | None = None) -> SolverState:
         """Return the state of the admissible gap that is near to another.
 
         On a surface that yields a signed gap is cut where it leaves its side.
         """
         gap = self.control.admissible(gap, side)
-        return State(gap, self.balance(gap))
+        return SolverState(gap, self.balance(gap))
 
 
 class EquilibriumSolver(IterativeSolver):
@@ -66,7 +66,7 @@ class EquilibriumSolver(IterativeSolver):
 
     def init(self, problem: Any, start: Field) -> Any:
         """Return the state of a gap that meets the load."""
-        return State(start, problem.balance(start))
+        return SolverState(start, problem.balance(start))
 
     def measure(self, problem: Any, state: Any) -> Indicators:
         """Return the residual of a state."""

@@ -19,7 +19,7 @@ from jaxstab.core.history import Indicators
 from jaxstab.core.linear_system import MAX_STEPS, LinearSystem
 from jaxstab.core.loop import optional_parameter
 from jaxstab.core.types import Flag, Scalar
-from jaxstab.equilibrium.solvers.base import EquilibriumSolver, Problem, State
+from jaxstab.equilibrium.solvers.base import EquilibriumSolver, Problem, SolverState
 from jaxstab.equilibrium.solvers.minres import minres
 
 # Halvings of a step before it is taken as it is.
@@ -27,7 +27,7 @@ _MAX_CUTS = 8
 
 
 class _NewtonTrial(eqx.Module):
-    state: State
+    state: SolverState
     length: Scalar
     count: Int[Array, ""]
 
@@ -58,7 +58,7 @@ class SaddleNewton(EquilibriumSolver):
     default_tolerance: ClassVar[Mapping[str, float]] = EQUILIBRIUM
     patience: ClassVar[int] = 20
 
-    def step(self, problem: Problem, state: State) -> State:
+    def step(self, problem: Problem, state: SolverState) -> SolverState:
         """Return the state after a step of Newton's method, or of the part that is no worse."""
         control = problem.control
         solid = problem.contact.solid
@@ -93,7 +93,7 @@ class SaddleNewton(EquilibriumSolver):
             _NewtonTrial(state, jnp.ones((), state.gap.dtype), jnp.array(0)),
         ).state
 
-    def measure(self, problem: Problem, state: State) -> Indicators:
+    def measure(self, problem: Problem, state: SolverState) -> Indicators:
         """Return the residual, infinite where the surfaces are apart for good."""
         balance = state.balance
         return {"residual": jnp.where(balance.has_escaped, jnp.inf, balance.residual)}

@@ -43,7 +43,7 @@ def read_text(text: str, channel: str | None) -> Scan:
     if header := _HEADER.search(text):
         raise UnknownContent(
             f"its comment {header[0].strip()!r} looks like an instrument's header: leave it out "
-            "if each line stands for an x."
+            "if each row of numbers holds the heights at one x."
         )
     lines = [re.split("[#%]", line, maxsplit=1)[0].strip() for line in text.splitlines()]
     lines = list(filter(None, lines))
