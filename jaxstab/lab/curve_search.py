@@ -207,7 +207,9 @@ def _with_errors(
 
     The misfit is no parabola over the range: one that is short beside the deformation hardly
     changes the curve. Errors reach to the farther side of the joint regions of work and range, or
-    as far as derivatives tell.
+    as far as derivatives tell. Were the regions ellipses, the errors at one range and the change
+    along the ranges would add as squares; where the misfit hardly changes along the ranges, the
+    errors at the farthest range are as large as at the best one, and add themselves.
     """
     step = min(float(np.sqrt(model.variances(best.x)[-1])), 1.0)
     middle = best.x[-1]
@@ -223,19 +225,6 @@ def _with_errors(
         # A narrow valley may take more steps than there are, and has been followed.
         best = OptimizeResult(best, status=1)
     profile = sorted([*profile, best], key=lambda one: one.x[-1])
-    # The distance in standard errors.
-    away = np.array([np.sqrt(2 * max(one.cost - best.cost, 0.0)) for one in profile])
-    value = model.values(best.x)
-    along = []
-    for errors, growth in _ERRORS:
-        inside = np.flatnonzero(away <= growth)
-        along += [np.abs(model.values(profile[one].x) - value) / errors for one in inside]
-        for last, beyond in ((inside[0], inside[0] - 1), (inside[-1], inside[-1] + 1)):
-            side = profile[last].x
-            if 0 <= beyond < len(profile):
-                part = (growth - away[last]) / (away[beyond] - away[last])
-                side = side + part * (profile[beyond].x - side)
-            along.append(np.abs(model.values(side) - value) / errors)
     slopes = model.units * model.slopes(best.x)
     # Far from the fit derivatives tell nothing of logarithms.
     most = np.where(model.is_logarithm, 1.0, np.inf)
@@ -243,7 +232,25 @@ def _with_errors(
         np.minimum(np.sqrt(model.variances(best.x, free)), most) * slopes
         for free in (ALL, BUT_RANGE)
     )
-    return BestFit(model, best, np.maximum(straight, np.hypot(across, np.max(along, axis=0))))
+    # The distance in standard errors.
+    away = np.array([np.sqrt(2 * max(one.cost - best.cost, 0.0)) for one in profile])
+    value = model.values(best.x)
+    along, widened = [], [straight]
+    for errors, growth in _ERRORS:
+        inside = np.flatnonzero(away <= growth)
+        moved = [np.abs(model.values(profile[one].x) - value) / errors for one in inside]
+        along += moved
+        # At each range the others have an error of their own, by what is left of the growth.
+        left = np.sqrt(1 - (away[inside] / growth) ** 2)
+        widened.append(np.max(moved + np.outer(left, across), axis=0))
+        for last, beyond in ((inside[0], inside[0] - 1), (inside[-1], inside[-1] + 1)):
+            side = profile[last].x
+            if 0 <= beyond < len(profile):
+                part = (growth - away[last]) / (away[beyond] - away[last])
+                side = side + part * (profile[beyond].x - side)
+            along.append(np.abs(model.values(side) - value) / errors)
+    ellipse = np.hypot(across, np.max(along, axis=0))
+    return BestFit(model, best, np.max([*widened, ellipse], axis=0))
 
 
 def _scatter(model: CurveModel, found: OptimizeResult) -> np.ndarray:

@@ -46,3 +46,17 @@ def test_an_attraction_that_no_point_shows_is_in_the_errors(seed, monkeypatch):
     approach = next(trials("Maugis", seed))
     assert np.nanmax(np.abs(approach.away)) < 2.5
     assert approach.errors[0] < 0.5
+
+
+@pytest.mark.parametrize("seed", [9, 19])
+def test_errors_at_the_farthest_range_add_to_its_distance(seed, monkeypatch):
+    monkeypatch.setattr(sys, "path", [str(BENCHMARKS), *sys.path])
+    from force_curve_errors import trials
+
+    # Ranges fit as well from that of JKR to one of fifteen times and more, with a work that is a
+    # fifth smaller. The fit is at the long end and the truth at the short one, where the noise
+    # makes an error of the work as at any range.
+    _, retraction = trials("JKR", seed)
+    assert retraction.result == "successful"
+    assert np.nanmax(np.abs(retraction.away)) < 2
+    assert retraction.errors[1] < 0.15
