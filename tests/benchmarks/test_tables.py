@@ -20,7 +20,6 @@ WAITING = {
         (
             "accelerator-nvidia-h200",
             "adverse_equilibria",
-            "axisymmetric",
             "barriers",
             "batches",
             "branches",
@@ -34,7 +33,6 @@ WAITING = {
             "force_curve_errors",
             "force_curves",
             "free_half_space",
-            "half_spaces",
             "hardness",
             "jumps",
             "laboratory",
@@ -44,7 +42,6 @@ WAITING = {
             "peers",
             "problems",
             "processes",
-            "programs",
             "pull_offs",
             "robustness",
             "sensitivity",
