@@ -33,7 +33,6 @@ WAITING = {
             "force_curve_errors",
             "force_curves",
             "free_half_space",
-            "hardness",
             "jumps",
             "laboratory",
             "laboratory_curves",
