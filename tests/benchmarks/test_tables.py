@@ -28,7 +28,6 @@ WAITING = {
             "coarse_starts",
             "eigenvalues",
             "fails_safely",
-            "first_verdict",
             "free_half_space",
             "jumps",
             "laboratory",
