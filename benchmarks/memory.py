@@ -8,15 +8,14 @@ then lowered to a part of it. The relaxed E* and the side of the cell are 1, tim
 A second call goes on where the first has ended.
 """
 
-import argparse
 import itertools
 import warnings
-from pathlib import Path
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 import xarray
+from study_data import describe, make_data
 
 import jaxstab as js
 
@@ -311,27 +310,9 @@ def documented(study):
     """Return the data set of a study with its times, and the meaning and unit of each variable."""
     times = {"wait": list(WAITS), "after": AFTER}
     times |= {"held": np.append(LOADING, DWELL), "since": np.append(LOADING, LATER)}
-    study = study.assign_coords(times)
-    for name, (meaning, unit) in VARIABLES.items():
-        study[name].attrs.update(long_name=meaning, units=unit)
-    return study.assign_attrs(title="Areas of rough contacts after a load is held and lowered")
-
-
-def main():
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("folder", type=Path, help="where each case is kept as soon as it ends")
-    parser.add_argument("--first", type=int, help="compute the first so many cases only")
-    parser.add_argument("--output", type=Path, help="the data set of these cases")
-    options = parser.parse_args()
-    cases = []
-    for case in itertools.chain.from_iterable(BLOCKS):
-        if case not in cases:
-            cases.append(case)
-    study = js.study(two_steps, cases[: options.first], options.folder / "two_steps")
-    print(f"{study.sizes['case']} cases, {study.seconds.values.sum() / 3600:.1f} h")
-    if options.output:
-        documented(study).to_netcdf(options.output)
+    title = "Areas of rough contacts after a load is held and lowered"
+    return describe(study.assign_coords(times), VARIABLES, title)
 
 
 if __name__ == "__main__":
-    main()
+    make_data(__doc__, two_steps, BLOCKS, documented)

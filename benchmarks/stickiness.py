@@ -8,13 +8,12 @@ units of adhesion, range and load. E* and the side of the cell are 1.
 A second call goes on where the first has ended.
 """
 
-import argparse
 import itertools
 import warnings
-from pathlib import Path
 
 import jax
 import jax.numpy as jnp
+from study_data import describe, make_data
 
 import jaxstab as js
 
@@ -173,26 +172,8 @@ VARIABLES = {
 
 def documented(study):
     """Return the data set of a study with the meaning and the unit of each variable."""
-    for name, (meaning, unit) in VARIABLES.items():
-        study[name].attrs.update(long_name=meaning, units=unit)
-    return study.assign_attrs(title="Pull-offs of self-affine surfaces over the cut-off")
-
-
-def main():
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("folder", type=Path, help="where each case is kept as soon as it ends")
-    parser.add_argument("--first", type=int, help="compute the first so many cases only")
-    parser.add_argument("--output", type=Path, help="the data set of these cases")
-    options = parser.parse_args()
-    cases = []
-    for case in itertools.chain.from_iterable(BLOCKS):
-        if case not in cases:
-            cases.append(case)
-    study = js.study(pulled, cases[: options.first], options.folder / "pulled")
-    print(f"{study.sizes['case']} cases, {study.seconds.values.sum() / 3600:.1f} h")
-    if options.output:
-        documented(study).to_netcdf(options.output)
+    return describe(study, VARIABLES, "Pull-offs of self-affine surfaces over the cut-off")
 
 
 if __name__ == "__main__":
-    main()
+    make_data(__doc__, pulled, BLOCKS, documented)

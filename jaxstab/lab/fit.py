@@ -34,6 +34,7 @@ _SYMBOLS = {
     "range": "m",
     "contact_point": "m",
 }
+_OF_FORCES = "noise", "misfit"
 # A figure shows this part of the depth beyond the contact and beyond the fitted attraction, which
 # ends where it is this part of the largest one.
 _BESIDE, _FAINT = 0.3, 0.02
@@ -138,12 +139,7 @@ class ForceCurveFit:
         dataset = self.curve.to_dataset()
         attributes = {"long_name": "fitted force", "units": self.curve.force_unit}
         dataset["fitted_force"] = (f"{self.segment}_point", self.forces, attributes)
-        for name, symbol in _SYMBOLS.items():
-            error = getattr(self.errors, name)
-            attributes = {"units": symbol, "standard_error": error}
-            dataset[name] = ((), getattr(self, name), attributes)
-        dataset["noise"] = ((), self.noise, {"units": "N"})
-        dataset["misfit"] = ((), self.misfit, {"units": "N"})
+        store_numbers(dataset, self, _SYMBOLS)
         title = {"title": "Fit of a force curve", **dict(self._statements())}
         inputs = {
             "result": self.result.name,
@@ -164,9 +160,8 @@ class ForceCurveFit:
         if "fit" not in dataset.attrs:
             raise ValueError("The data set is none of a fit, made by its `to_dataset`.")
         inputs = json.loads(dataset.attrs["fit"])
-        numbers = {name: float(dataset[name]) for name in (*_SYMBOLS, "noise", "misfit")}
         return cls(
-            **numbers,
+            **stored_numbers(dataset, _SYMBOLS),
             errors=FitErrors(**inputs.pop("errors")),
             result=getattr(js.RESULTS, inputs.pop("result")),
             curve=js.lab.force_curves.ForceCurve.from_dataset(dataset),
@@ -200,7 +195,7 @@ class ForceCurveFit:
         comments = [*self._statements()]
         for name, symbol in _SYMBOLS.items():
             value, error = getattr(self, name), getattr(self.errors, name)
-            comments.append((name, f"{value:.9g} {symbol}, standard error {error:.3g} {symbol}"))
+            comments.append((name, with_error(value, error, symbol)))
         return write_table(path, comments, columns)
 
     def plot(self, axes: Axes | None = None) -> Axes:
@@ -282,6 +277,25 @@ def tip_of_numbers(numbers: dict[str, Any]) -> Any:
         for name, part in numbers.items()
     }
     return shape(**parts)
+
+
+def store_numbers(dataset: xarray.Dataset, fit: Any, units: Mapping[str, str]) -> None:
+    """Add the numbers of a fit to a data set, with their standard errors, noise and misfit."""
+    for name, unit in units.items():
+        attributes = {"units": unit, "standard_error": getattr(fit.errors, name)}
+        dataset[name] = ((), getattr(fit, name), attributes)
+    for name in _OF_FORCES:
+        dataset[name] = ((), getattr(fit, name), {"units": "N"})
+
+
+def stored_numbers(dataset: xarray.Dataset, names: Iterable[str]) -> dict[str, Any]:
+    """Return by name the numbers that `store_numbers` has added."""
+    return {name: float(dataset[name]) for name in (*names, *_OF_FORCES)}
+
+
+def with_error(value: float, error: float, unit: str) -> str:
+    """Return a number of a fit in words, with its standard error."""
+    return f"{value:.9g} {unit}, standard error {error:.3g} {unit}"
 
 
 def write_table(

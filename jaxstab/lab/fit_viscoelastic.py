@@ -113,7 +113,7 @@ def fit_viscoelastic(
     gain = np.inf
     for _ in range(0 if held is not None else number - 1):
         before = found.cost
-        model, found = _fit_on_its_rings(*_with_another_mode(model, found))
+        model, found = _fit_on_its_rings(model, _with_another_mode(model, found))
         gain = 2 * (before - found.cost) / _scatter(found)
     return _result_of(elastic.curve, model, found, gain)
 
@@ -303,16 +303,15 @@ def _start(
             np.log(max(np.nan_to_num(sticky.range), 2 * shortest)),
         ]
     model = _ViscoelasticModel.at(means, tip, poisson_ratio, is_sticky, held, np.array(first))
+    starts = held[None] if held is not None else (_TIMES * means.duration)[:, None]
     tried = []
-    for times in [_TIMES * means.duration] if held is None else [held]:
-        starts = times[:, None] if held is None else times[None]
-        for own in starts:
-            for ratio in _RATIOS:
-                ratios = np.full(len(own), ratio / len(own))
-                x = np.array([*first, *ratios, *(np.log(own) if held is None else ())])
-                # The modulus of the approach is the one after about its duration.
-                x[0] -= np.log(1 + ratios @ np.exp(-means.duration / own / 2))
-                tried.append((float(np.sum(model.residuals(x) ** 2)), x))
+    for times in starts:
+        for ratio in _RATIOS:
+            ratios = np.full(len(times), ratio / len(times))
+            x = np.array([*first, *ratios, *(np.log(times) if held is None else ())])
+            # The modulus of the approach is the one after about its duration.
+            x[0] -= np.log(1 + ratios @ np.exp(-means.duration / times / 2))
+            tried.append((float(np.sum(model.residuals(x) ** 2)), x))
     return model, min(tried, key=lambda one: one[0])[1]
 
 
@@ -327,9 +326,7 @@ def _fit_on_its_rings(
     return again, again.fit(found.x, _LAST)
 
 
-def _with_another_mode(
-    model: _ViscoelasticModel, found: OptimizeResult
-) -> tuple[_ViscoelasticModel, np.ndarray]:
+def _with_another_mode(model: _ViscoelasticModel, found: OptimizeResult) -> np.ndarray:
     """Return numbers with one mode more, at the time that lowers the sum of squares most.
 
     To first order in its ratio a mode changes the residuals along one direction, of which the part
@@ -343,18 +340,18 @@ def _with_another_mode(
     times = model.means.times[model.is_mean]
     step = float(np.median(np.diff(times)))
     left = beyond(found.fun)
+    # The ratio stands behind the others, the time at the end.
+    place = model.first_ratio + model.num_modes(found.x)
     tried = []
     for time in np.geomspace(2 * step, float(np.ptp(times)), _TRIED):
-        x = np.insert(
-            np.append(found.x, np.log(time)), len(found.x) - model.num_modes(found.x), _FIRST_RATIO
-        )
+        x = np.insert(np.append(found.x, np.log(time)), place, _FIRST_RATIO)
         direction = beyond(model.residuals(x) - found.fun) / _FIRST_RATIO
         size = float(direction @ direction)
         ratio = -float(direction @ left) / max(size, np.finfo(float).tiny)
         tried.append((np.sign(ratio) * ratio**2 * size, ratio, x))
     _, ratio, x = max(tried, key=lambda one: one[0])
-    x[len(found.x) - model.num_modes(found.x)] = max(ratio, _FIRST_RATIO)
-    return model, x
+    x[place] = max(ratio, _FIRST_RATIO)
+    return x
 
 
 def _shape(tip: Tip, radii: np.ndarray) -> np.ndarray:

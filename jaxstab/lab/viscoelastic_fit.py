@@ -12,7 +12,14 @@ import numpy as np
 
 import jaxstab as js
 from jaxstab.lab.figures import axes_or_new
-from jaxstab.lab.fit import numbers_of_tip, tip_of_numbers, write_table
+from jaxstab.lab.fit import (
+    numbers_of_tip,
+    store_numbers,
+    stored_numbers,
+    tip_of_numbers,
+    with_error,
+    write_table,
+)
 from jaxstab.lab.tips import Tip
 
 if TYPE_CHECKING:
@@ -124,11 +131,7 @@ class ViscoelasticFit:
             dataset[name] = ("mode", getattr(self, name), attributes)
             attributes = {"long_name": f"standard errors of the {name}", "units": unit}
             dataset[f"{name}_error"] = ("mode", getattr(self.errors, name), attributes)
-        for name, unit in _SYMBOLS.items():
-            attributes = {"units": unit, "standard_error": getattr(self.errors, name)}
-            dataset[name] = ((), getattr(self, name), attributes)
-        dataset["noise"] = ((), self.noise, {"units": "N"})
-        dataset["misfit"] = ((), self.misfit, {"units": "N"})
+        store_numbers(dataset, self, _SYMBOLS)
         errors = {k: x for k, x in asdict(self.errors).items() if k not in _OF_MODES}
         inputs = {
             "result": self.result.name,
@@ -149,13 +152,10 @@ class ViscoelasticFit:
         if "fit_in_time" not in dataset.attrs:
             raise ValueError("The data set is none of a fit in time, made by its `to_dataset`.")
         inputs: dict[str, Any] = json.loads(dataset.attrs["fit_in_time"])
-        numbers: dict[str, Any] = {
-            name: float(dataset[name]) for name in (*_SYMBOLS, "noise", "misfit")
-        }
         modes: dict[str, Any] = {name: np.asarray(dataset[name]) for name in _OF_MODES}
         own: dict[str, Any] = {name: np.asarray(dataset[f"{name}_error"]) for name in _OF_MODES}
         return cls(
-            **numbers,
+            **stored_numbers(dataset, _SYMBOLS),
             **modes,
             errors=ViscoelasticErrors(**inputs["errors"], **own),
             result=getattr(js.RESULTS, inputs["result"]),
@@ -178,7 +178,7 @@ class ViscoelasticFit:
         """
         comments = [*self._statements()]
         for name, value, error, symbol in self._numbers():
-            comments.append((name, f"{value:.9g} {symbol}, standard error {error:.3g} {symbol}"))
+            comments.append((name, with_error(value, error, symbol)))
         columns = {
             "time [s]": self.times,
             "force [N]": self.measured,

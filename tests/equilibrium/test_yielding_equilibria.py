@@ -23,17 +23,23 @@ class Walled(eqx.Module):
         return self.law(self.distance + gap)
 
 
+def random_line(rng, largest, least_energy):
+    """Return a rough line of some points, indented before, and the numbers of a law."""
+    size = rng.integers(3, largest + 1)
+    heights = rng.normal(0, 0.1, size)
+    energy, length = rng.uniform(least_energy, 0.05), rng.uniform(0.1, 0.5)
+    hardness = rng.uniform(0.1, 0.6)
+    before = rng.exponential(0.05, size) * (rng.random(size) < 0.4)
+    return {"heights": heights, "hardness": hardness, "indentation": before}, energy, length
+
+
 def check_problem(seed, largest):
     """Hold a state found against all minima, and a law without a core."""
     rng = np.random.default_rng(seed)
-    size = rng.integers(3, largest + 1)
-    heights = rng.normal(0, 0.1, size)
-    energy, length = rng.uniform(0, 0.05), rng.uniform(0.1, 0.5)
-    hardness = rng.uniform(0.1, 0.6)
-    before = rng.exponential(0.05, size) * (rng.random(size) < 0.4)
+    line, energy, length = random_line(rng, largest, 0)
+    hardness = line["hardness"]
     law = js.potentials.Exponential(energy, length)
-    contact = contact_on(heights - before, law, hardness)
-    line = {"heights": heights, "hardness": hardness, "indentation": before}
+    contact = contact_on(line["heights"] - line["indentation"], law, hardness)
     line["law"] = exponential(energy, length)
     if seed % 2:
         load, condition = pressed(rng.uniform(-0.2 * energy / length, 0.9 * hardness))
@@ -45,19 +51,16 @@ def check_problem(seed, largest):
 def check_core(seed, largest):
     """Hold a state of a law with a core, walled where it repels by the hardness, against all."""
     rng = np.random.default_rng(seed)
-    size = rng.integers(3, largest + 1)
-    heights = rng.normal(0, 0.1, size)
-    energy, length = rng.uniform(0.002, 0.05), rng.uniform(0.1, 0.5)
-    hardness = rng.uniform(0.1, 0.6)
-    before = rng.exponential(0.05, size) * (rng.random(size) < 0.4)
+    line, energy, length = random_line(rng, largest, 0.002)
+    hardness = line["hardness"]
     law = lennard_jones(energy, length)
     # By hardly less than the hardness, so that there is contact at the wall.
     wall = brentq(
         lambda gap: law.slope(gap) + (1 - 1e-9) * hardness, length / 5, length, xtol=1e-15
     )
     own = Walled(js.potentials.LennardJones(energy, length), jnp.array(wall))
-    contact = contact_on(heights - before + wall, own, hardness)
-    line = {"heights": heights, "hardness": hardness, "indentation": before, "law": law}
+    contact = contact_on(line["heights"] - line["indentation"] + wall, own, hardness)
+    line["law"] = law
     if seed % 2:
         load, condition = pressed(rng.uniform(-0.2 * energy / length, 0.9 * hardness))
     else:

@@ -112,9 +112,10 @@ class ForceCurve:
                 f"{np.sum(segment.is_clipped)} forces of the {name} are at the end of the range of "
                 "the detector: `corrected` leaves them out."
             )
-        if _travel(segment) * 10.0 ** LENGTHS[self.unit] > _LARGEST_TRAVEL:
+        travel = _travel(segment)
+        if travel * 10.0 ** LENGTHS[self.unit] > _LARGEST_TRAVEL:
             yield (
-                f"the heights of the {name} span {_travel(segment):.3g} {self.unit}, which no tip "
+                f"the heights of the {name} span {travel:.3g} {self.unit}, which no tip "
                 "moves: are they in another unit?"
             )
 
