@@ -21,7 +21,22 @@ _POOR = 0.1
 
 
 class FitWarning(UserWarning):
-    """A fit converged, but the measurements show an outlier, an offset or a baseline."""
+    """A fit converged, but the measurements show an outlier, an offset or a baseline.
+
+    Example:
+        A fit to an approach with a sphere, taken for one with a cone:
+
+        >>> height = np.linspace(2e-6, -1e-6, 400)
+        >>> force = 0.01 * np.maximum(-height, 0) ** 1.5
+        >>> approach = js.lab.force_curves.Segment(force, height)
+        >>> curve = js.lab.force_curves.ForceCurve(approach, None, spring_constant=1.0)
+        >>> import warnings
+        >>> with warnings.catch_warnings(record=True) as caught:
+        ...     warnings.simplefilter("always")
+        ...     fit = js.lab.fit_curve(curve, js.lab.Cone(half_angle=35.0))
+        >>> caught[0].category.__name__, fit.result.name
+        ('FitWarning', 'misfit')
+    """
 
 
 class Hints(NamedTuple):

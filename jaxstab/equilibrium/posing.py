@@ -32,7 +32,20 @@ from jaxstab.solids.solid import Solid
 
 
 class WindowWarning(UserWarning):
-    """The contact is not small compared with its window."""
+    """The contact is not small compared with its window.
+
+    Example:
+        The contact of a paraboloid reaches the edges of its window:
+
+        >>> free = js.FreeHalfSpace(grid, youngs_modulus=1.0)
+        >>> sphere = js.Contact(free, js.surfaces.paraboloid(grid, radius=1.0), law)
+        >>> import warnings
+        >>> with warnings.catch_warnings(record=True) as caught:
+        ...     warnings.simplefilter("always")
+        ...     found = js.equilibrate(sphere, js.MeanPressure(0.3))
+        >>> [each.category.__name__ for each in caught]
+        ['WindowWarning']
+    """
 
 
 class _Result(Protocol):

@@ -19,7 +19,17 @@ _FEW = 5
 
 
 class ContactWarning(UserWarning):
-    """The pressure is more than an elastic solid bears, or the contact is a handful of points."""
+    """The pressure is more than an elastic solid bears, or the contact is a handful of points.
+
+    Example:
+        >>> light = js.equilibrate(contact, js.MeanGap(0.1))
+        >>> import warnings
+        >>> with warnings.catch_warnings(record=True) as caught:
+        ...     warnings.simplefilter("always")
+        ...     found = js.patches(contact, light)
+        >>> caught[0].category.__name__
+        'ContactWarning'
+    """
 
 
 @where_known

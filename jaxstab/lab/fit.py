@@ -50,6 +50,18 @@ class FitErrors:
         work_of_adhesion: of w [J/m^2].
         range: of the range of the attraction [m].
         contact_point: of the contact point [m].
+
+    Example:
+        >>> height = np.linspace(2e-6, -1e-6, 400)
+        >>> force = 0.01 * np.maximum(-height, 0) ** 1.5
+        >>> force += np.random.default_rng(0).normal(0.0, 1e-13, 400)
+        >>> approach = js.lab.force_curves.Segment(force, height)
+        >>> curve = js.lab.force_curves.ForceCurve(approach, None, spring_constant=1.0)
+        >>> fit = js.lab.fit_curve(curve, js.lab.Paraboloid(radius=5e-6))
+        >>> bool(abs(fit.contact_point) < 3 * fit.errors.contact_point)
+        True
+        >>> fit.errors.work_of_adhesion
+        nan
     """
 
     youngs_modulus: float

@@ -26,6 +26,25 @@ class Fits(Generic[Fit]):
         curves: the curves.
         fits: what the function has returned for each; None where it has failed.
         reasons: for each curve why it has failed, or what was warned of; empty if nothing.
+
+    Example:
+        The second curve has no contact:
+
+        >>> height = np.linspace(2e-6, -1e-6, 400)
+        >>> force = 0.01 * np.maximum(-height, 0) ** 1.5
+        >>> approach = js.lab.force_curves.Segment(force, height)
+        >>> curve = js.lab.force_curves.ForceCurve(approach, None, spring_constant=1.0)
+        >>> far = js.lab.force_curves.Segment(np.zeros(400), height)
+        >>> missed = js.lab.force_curves.ForceCurve(far, None, spring_constant=1.0)
+        >>> curves = js.lab.force_curves.ForceCurves((curve, missed))
+        >>> tip = js.lab.Paraboloid(radius=5e-6)
+        >>> import warnings
+        >>> with warnings.catch_warnings(action="ignore", category=js.exceptions.FitWarning):
+        ...     fits = js.lab.fit_each(curves, lambda one: js.lab.fit_curve(one, tip))
+        >>> [None if fit is None else f"{fit.youngs_modulus:.2f}" for fit in fits.fits]
+        ['2.52', None]
+        >>> fits.reasons[1][:42]
+        'The approach has no baseline or no contact'
     """
 
     curves: js.lab.force_curves.ForceCurves

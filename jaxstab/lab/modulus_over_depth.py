@@ -36,6 +36,17 @@ class ModulusOverDepth:
         depths: the largest indentation of each part, from the contact point of a shallow part [m].
         parts: the fits from the shallowest part to the whole, with a reason for each that has
             failed or is no good description.
+
+    Example:
+        >>> height = np.linspace(2e-6, -1e-6, 400)
+        >>> force = 0.01 * np.maximum(-height, 0) ** 1.5
+        >>> approach = js.lab.force_curves.Segment(force, height)
+        >>> curve = js.lab.force_curves.ForceCurve(approach, None, spring_constant=1.0)
+        >>> found = js.lab.modulus_over_depth(curve, js.lab.Paraboloid(radius=5e-6), count=3)
+        >>> f"{found.depths[-1]:.1e}"
+        '1.0e-06'
+        >>> [fit.result.name for fit in found.parts.fits]
+        ['successful', 'successful', 'successful']
     """
 
     depths: np.ndarray
@@ -162,6 +173,15 @@ def modulus_over_depth(
         ValueError: for fewer than two depths, fewer than 40 points in contact, a force that nowhere
             exceeds twice the pull-off, and as `fit_curve` does.
         TypeError: for something that is no force curve or no tip.
+
+    Example:
+        >>> height = np.linspace(2e-6, -1e-6, 400)
+        >>> force = 0.01 * np.maximum(-height, 0) ** 1.5
+        >>> approach = js.lab.force_curves.Segment(force, height)
+        >>> curve = js.lab.force_curves.ForceCurve(approach, None, spring_constant=1.0)
+        >>> found = js.lab.modulus_over_depth(curve, js.lab.Paraboloid(radius=5e-6), count=3)
+        >>> [f"{modulus:.2f}" for modulus in found.youngs_moduli]
+        ['2.52', '2.52', '2.52']
     """
     if count < 2:
         raise ValueError(f"There are {count} depths: give two or more.")

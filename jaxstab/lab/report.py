@@ -35,6 +35,11 @@ class Wording:
         call: the words of the call with the arguments that make the same report.
         advice: makes of a remark, in which arguments stand in backticks, what is shown.
         source: a sentence on the source of the scan, "" for none.
+
+    Example:
+        >>> wording = js.lab.Wording(title="Adhesion of a seal", source="Scan of 3 March.")
+        >>> wording.title
+        'Adhesion of a seal'
     """
 
     title: str = "Adhesion of a scanned surface"

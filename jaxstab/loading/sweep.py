@@ -44,7 +44,17 @@ Order = Literal["independent", "continuation"]
 
 
 class SweepInterrupted(UserWarning):
-    """A sweep was interrupted; it holds the loads done so far."""
+    """A sweep was interrupted; it holds the loads done so far.
+
+    Example:
+        A script that is not to go on with part of the loads makes an error of it:
+
+        >>> import warnings
+        >>> with warnings.catch_warnings(action="error", category=js.exceptions.SweepInterrupted):
+        ...     sweep = js.sweep(contact, js.MeanGap([0.05, 0.1]))
+        >>> len(sweep)
+        2
+    """
 
 
 class Sweep(Stackable, Comparable):

@@ -30,7 +30,16 @@ _SOFT = 1e-8
 
 
 class MachineWarning(UserWarning):
-    """The machine is softer than the contact by orders of magnitude."""
+    """The machine is softer than the contact by orders of magnitude.
+
+    Example:
+        >>> import warnings
+        >>> with warnings.catch_warnings(record=True) as caught:
+        ...     warnings.simplefilter("always")
+        ...     found = js.equilibrate(contact, js.Spring(0.1, 1e-9), throw=False)
+        >>> caught[0].category.__name__
+        'MachineWarning'
+    """
 
 
 class SpringControl(PressingControl):

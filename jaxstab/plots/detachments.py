@@ -25,6 +25,11 @@ def detachment(detachment: Detachment, *, axes: Axes | None = None) -> Axes:
     Raises:
         TypeError: for anything else.
         ValueError: for a load that is held.
+
+    Example:
+        >>> energies = {"thermal_energy": 1e-4, "attempt_rate": 1e6}
+        >>> life = js.detachment(contact, js.MeanPressure(-0.15), rate=1e-3, **energies)
+        >>> axes = js.plots.detachment(life)
     """
     cure = "not a detachment: give a result of jaxstab.detachment."
     require_kind(detachment, Detachment, cure)

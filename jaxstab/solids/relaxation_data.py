@@ -15,7 +15,19 @@ _TINY = np.finfo(np.float64).tiny
 
 
 class RelaxationWarning(UserWarning):
-    """Measured relaxation is left out or averaged, or does not determine all of a fitted solid."""
+    """Measured relaxation is left out or averaged, or does not determine all of a fitted solid.
+
+    Example:
+        The stress of a liquid relaxes to zero:
+
+        >>> times = np.logspace(-2, 2, 40)
+        >>> import warnings
+        >>> with warnings.catch_warnings(record=True) as caught:
+        ...     warnings.simplefilter("always")
+        ...     found = js.Viscoelastic.from_relaxation(solid, times, 3.0 * np.exp(-times / 5.0))
+        >>> caught[0].category.__name__
+        'RelaxationWarning'
+    """
 
 
 class Kind(NamedTuple):

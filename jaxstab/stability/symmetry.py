@@ -19,7 +19,22 @@ _OF_MODES = 0.5
 
 
 class SymmetryWarning(UserWarning):
-    """An unstable state has a symmetry of its surface that its mode breaks."""
+    """An unstable state has a symmetry of its surface that its mode breaks.
+
+    Example:
+        A flat surface at a gap at which attraction outweighs the elastic stiffness:
+
+        >>> flat = js.Contact(solid, jnp.zeros(grid.shape), law)
+        >>> even = js.equilibrate(flat, js.MeanGap(0.05))
+        >>> import warnings
+        >>> with warnings.catch_warnings(record=True) as caught:
+        ...     warnings.simplefilter("always")
+        ...     stability = js.assess_stability(flat, even)
+        >>> caught[0].category.__name__
+        'SymmetryWarning'
+        >>> f"{stability.critical.eigenvalue:.2f}"
+        '-0.48'
+    """
 
 
 @where_known

@@ -31,7 +31,17 @@ Part = TypeVar("Part")
 
 
 class PathInterrupted(UserWarning):
-    """A path was interrupted; it holds the states so far."""
+    """A path was interrupted; it holds the states so far.
+
+    Example:
+        A script that is not to go on with part of a path makes an error of it:
+
+        >>> import warnings
+        >>> with warnings.catch_warnings(action="error", category=js.exceptions.PathInterrupted):
+        ...     path = js.follow(contact, js.MeanGap([0.3, 0.03, 0.3]))
+        >>> f"{path[-1].load.value:.1f}"
+        '0.3'
+    """
 
 
 class States(PressedSurface):

@@ -39,7 +39,19 @@ LARGE = 2**30
 
 
 class StudyInterrupted(UserWarning):
-    """A study was interrupted; its folder holds the cases done so far."""
+    """A study was interrupted; its folder holds the cases done so far.
+
+    Example:
+        A script that is not to go on with part of the cases makes an error of it:
+
+        >>> import warnings
+        >>> def case(gap):
+        ...     return {"pressure": js.equilibrate(contact, js.MeanGap(gap)).mean_pressure}
+        >>> with warnings.catch_warnings(action="error", category=js.exceptions.StudyInterrupted):
+        ...     data = js.study(case, {"gap": [0.05, 0.1]}, "study")
+        >>> data.pressure.size
+        2
+    """
 
 
 def study(

@@ -25,7 +25,18 @@ _FAR_OFF = 100.0
 
 
 class SurfaceWarning(UserWarning):
-    """The heights of a surface look wrong: tilted, not periodic, or in another unit."""
+    """The heights of a surface look wrong: tilted, not periodic, or in another unit.
+
+    Example:
+        Heights in another unit than the sides of the grid:
+
+        >>> import warnings
+        >>> with warnings.catch_warnings(record=True) as caught:
+        ...     warnings.simplefilter("always")
+        ...     wrong = js.Contact(solid, 1e6 * heights, law)
+        >>> caught[0].category.__name__
+        'SurfaceWarning'
+    """
 
 
 def warn(sentences: list[str]) -> None:

@@ -34,7 +34,24 @@ _LARGEST_TRAVEL = 0.1
 
 
 class ForceCurveWarning(UserWarning):
-    """A force curve looks wrong: its forces have the opposite sign, or are clipped."""
+    """A force curve looks wrong: its forces have the opposite sign, or are clipped.
+
+    Example:
+        A file in which tension is positive:
+
+        >>> height = np.linspace(2000.0, -1000.0, 400)
+        >>> force = -3e-4 * np.maximum(-height, 0) ** 1.5
+        >>> titles = "height [nm],force [nN]"
+        >>> np.savetxt("curve.csv", np.c_[height, force], delimiter=",", header=titles, comments="")
+        >>> import warnings
+        >>> with warnings.catch_warnings(record=True) as caught:
+        ...     warnings.simplefilter("always")
+        ...     curve = js.lab.force_curves.read("curve.csv", spring_constant=0.2)
+        >>> caught[0].category.__name__
+        'ForceCurveWarning'
+        >>> f"{(-curve).approach.force.max():.1e}"
+        '9.5e-09'
+    """
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -28,6 +28,15 @@ class Means(NamedTuple):
         force: positive in compression [force].
         weights: the number of points of each mean, in units of the largest.
         drift_error: how far one standard error of the drift that was removed moves each [length].
+
+    Example:
+        >>> height = np.linspace(2e-6, -1e-6, 400)
+        >>> force = 0.01 * np.maximum(-height, 0) ** 1.5
+        >>> approach = js.lab.force_curves.Segment(force, height)
+        >>> curve = js.lab.force_curves.ForceCurve(approach, None, spring_constant=1.0)
+        >>> part = js.lab.force_curves.means(curve, "approach")
+        >>> bool(np.allclose(part.tip_position, part.height + part.force / 1.0))
+        True
     """
 
     tip_position: np.ndarray
@@ -62,6 +71,15 @@ def means(
         TypeError: for anything but a force curve.
         ValueError: for another segment or one that the curve lacks, fewer than four points, no
             spring constant, and a curve that cannot be corrected.
+
+    Example:
+        >>> height = np.linspace(2e-6, -1e-6, 400)
+        >>> force = 0.01 * np.maximum(-height, 0) ** 1.5
+        >>> approach = js.lab.force_curves.Segment(force, height)
+        >>> curve = js.lab.force_curves.ForceCurve(approach, None, spring_constant=1.0)
+        >>> part = js.lab.force_curves.means(curve, "approach", points=30)
+        >>> len(part.force)
+        35
     """
     if points < 4:
         raise ValueError(f"The number of points is {points}: give at least 4.")

@@ -62,6 +62,17 @@ def read(
 
     Warns:
         ForceCurveWarning: for forces whose sign seems to be wrong, and curves that are left out.
+
+    Example:
+        >>> height = np.linspace(2000.0, -1000.0, 400)
+        >>> force = 3e-4 * np.maximum(-height, 0) ** 1.5
+        >>> titles = "height [nm],force [nN]"
+        >>> np.savetxt("curve.csv", np.c_[height, force], delimiter=",", header=titles, comments="")
+        >>> curve = js.lab.force_curves.read("curve.csv", spring_constant=0.2)
+        >>> f"{curve.approach.height.max():.1e} {curve.unit}"
+        '2.0e-06 m'
+        >>> f"{curve.approach.force.max():.1e} {curve.force_unit}"
+        '9.5e-09 N'
     """
     path = Path(path)
     if not path.exists():
