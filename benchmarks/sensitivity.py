@@ -16,8 +16,9 @@ of a room are tried on the kinds of problems that come to it.
 
 A constant has no effect if with both values no result changes by more than 1e-6, or the tolerance
 of evolutions, failures are the same, and steps, calls and seconds change by less than 5 %. All of
-it takes hours: with `--every 3` only each third problem is solved, and with `--together` constants
-are scaled at once: if they have no effect together, each is taken to have none.
+it takes hours: with `--every 3` only each third problem is solved. The constants of a module are
+scaled at once first: if they have no effect together, each is taken to have none and they are one
+row, otherwise each is scaled alone.
 
     python benchmarks/sensitivity.py --only evolution branches
 """
@@ -34,6 +35,7 @@ import warnings
 from collections.abc import Callable, Iterator
 from functools import partial, wraps
 from importlib.machinery import ModuleSpec, PathFinder, SourceFileLoader
+from itertools import groupby
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -70,8 +72,9 @@ APART = (
     "surfaces",
     "units",
 )
-# Numbers that are no choices: of physics, units, a closed form, a path, the functions of a fit.
+# Numbers that are no choices: of physics, units, formats, closed forms, functions of a fit.
 GIVEN = (
+    "_DIGEST",
     "_FOLDERS",
     "_GAS_CONSTANT",
     "_GRAVITY",
@@ -391,7 +394,6 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--only", nargs="+", choices=ROOMS, default=[*ROOMS], metavar="ROOM")
     parser.add_argument("--constants", nargs="+", metavar="NAME", help="of the rooms, by name")
-    parser.add_argument("--together", action="store_true", help="scale these at once, in one row")
     parser.add_argument("--every", type=int, default=1, help="of so many problems solve one")
     parser.add_argument("--seconds", action="store_true")
     parser.add_argument("--out", type=Path, help="a file for the table as well")
@@ -417,12 +419,12 @@ def main() -> None:
                 for constant in constants_of(room)
                 if not options.constants or constant.name in options.constants
             ]
-            for constants in [chosen] if options.together else [[one] for one in chosen]:
-                tried = [solve(factor, constants) for factor in FACTORS]
-                lines.append(row(constants, known, tried))
-                print(lines[-1], flush=True)
-                if options.out:
-                    options.out.write_text("\n".join(lines) + "\n")
+            for _, group in groupby(chosen, key=lambda constant: constant.module):
+                for line in rows(known, solve, list(group)):
+                    lines.append(line)
+                    print(line, flush=True)
+                    if options.out:
+                        options.out.write_text("\n".join(lines) + "\n")
 
 
 def solve_apart(
@@ -462,10 +464,24 @@ def solve_apart(
     return json.loads(done.stdout.splitlines()[-1])
 
 
+def rows(
+    known: dict[str, Any],
+    solve: Callable[[float, list[Constant]], dict[str, Any] | None],
+    constants: list[Constant],
+) -> Iterator[str]:
+    """Yield the row of constants scaled at once or, if they have an effect, the row of each."""
+    line, has_effect = row(constants, known, [solve(factor, constants) for factor in FACTORS])
+    if not has_effect or len(constants) == 1:
+        yield line
+        return
+    for one in constants:
+        yield row([one], known, [solve(factor, [one]) for factor in FACTORS])[0]
+
+
 def row(
     constants: list[Constant], known: dict[str, Any], tried: list[dict[str, Any] | None]
-) -> str:
-    """Return the row of constants: with half and twice their values, against as they are."""
+) -> tuple[str, bool]:
+    """Return the row of constants, half and twice as large, and whether they have an effect."""
     results = []
     failures = [str(count_failures(known))]
     costs: dict[str, list[str]] = {name: [] for name in COSTS}
@@ -494,7 +510,7 @@ def row(
         *(", ".join(cell) for cell in (results, failures, *costs.values())),
         "yes" if has_effect else "none",
     ]
-    return f"| {' | '.join(cells)} |"
+    return f"| {' | '.join(cells)} |", has_effect
 
 
 def change_of(base: dict, found: dict, family: str) -> float:
