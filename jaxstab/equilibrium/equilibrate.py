@@ -157,10 +157,11 @@ def restored_start(contact: Contact, load: Load, initial: Field) -> Field:
     start = initial.astype(contact.heights.dtype)
     if contact.hardness is None:
         start = jnp.maximum(start, 0)
+    size = jnp.ones((), start.dtype)
     if control.fixes_mean and contact.hardness is None:
         # Only its shape counts, and a sum of numbers near one has no overflow.
-        start = start / jnp.max(start)
-    start = jnp.where(control.is_feasible & contact.is_valid, start, jnp.nan)
+        size = jnp.max(start)
+    start = start / jnp.where(control.is_feasible & contact.is_valid, size, jnp.nan)
     gap = control.restore(start)
     lift = partial(_lift_off_core, contact, control)
     return jax.lax.cond(contact.has_core, lift, lambda gap: gap, gap)

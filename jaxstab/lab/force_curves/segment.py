@@ -20,9 +20,10 @@ _BLOCKS = 200
 # there are as few forces as in a made-up curve.
 _CLIPPED = 8
 _FEWEST_VALUES = 16
-_NO_SPRING = (
-    "The tip position is unknown, since the curve has no spring constant: give it in N/m, as in "
-    "js.lab.force_curves.read(path, spring_constant=0.2)."
+_NO_TIP = (
+    "The tip position is unknown: give the spring constant in N/m, as in "
+    "js.lab.force_curves.read(path, spring_constant=0.2), or the tip of a segment made by hand, as "
+    "in Segment(force, height, tip=height + force / 0.2)."
 )
 
 
@@ -33,7 +34,7 @@ class Segment:
     Attributes:
         force: positive in compression [force].
         height: of the far end of the cantilever, growing away from the sample [length].
-        tip: the position of the tip, None if the spring constant is unknown [length].
+        tip: the height of the tip, height + force / spring constant, None if unknown [length].
         time: [s], None if the file holds none.
         stated_speed: the speed according to the file [length/s].
 
@@ -61,10 +62,10 @@ class Segment:
         """The height of the tip, height + force / spring constant [length].
 
         Raises:
-            ValueError: if the spring constant is unknown.
+            ValueError: if it is unknown, for want of a spring constant.
         """
         if self.tip is None:
-            raise ValueError(_NO_SPRING)
+            raise ValueError(_NO_TIP)
         return self.tip
 
     @property
