@@ -234,6 +234,14 @@ def test_without_a_spring_constant_the_baseline_alone_is_removed():
     np.testing.assert_array_equal(corrected.approach.height, curve.approach.height)
 
 
+def test_a_segment_made_by_hand_without_a_tip_says_what_it_lacks():
+    height = np.linspace(2.0, -1.0, 8)
+    approach = js.lab.force_curves.Segment(np.maximum(-height, 0), height)
+    curve = js.lab.force_curves.ForceCurve(approach, None, spring_constant=0.5)
+    with pytest.raises(ValueError, match=r"Segment\(force, height, tip="):
+        _ = curve.approach.tip_position
+
+
 def test_a_constant_baseline_has_no_tilt():
     curve = synthetic.recorded(LAWS["hertz"], 2, tilt=0.0).corrected("constant")
     assert curve.correction.approach.slope == 0 == curve.correction.approach.slope_error
