@@ -86,6 +86,18 @@ def fit_viscoelastic(
 
     Warns:
         FitWarning: if the result is not `successful`; the message has the reason.
+
+    Example:
+        >>> time = np.linspace(0, 1, 1000)  # [s]
+        >>> tip = 1e-6 - 2e-6 * time  # [m], at the surface after 0.5 s
+        >>> moduli = 1e3 * (1 + 1.5 * np.exp(-(time + 5e-4) / 0.1))
+        >>> growth = np.diff(np.maximum(-tip, 0) ** 1.5, prepend=0)
+        >>> force = 4 / 3 * np.sqrt(5e-6) / 0.75 * np.convolve(moduli, growth)[:1000]
+        >>> approach = js.lab.force_curves.Segment(force, tip - force / 0.05, tip, time)
+        >>> curve = js.lab.force_curves.ForceCurve(approach, None, spring_constant=0.05)
+        >>> fit = js.lab.fit_viscoelastic(curve, js.lab.Paraboloid(radius=5e-6))
+        >>> f"{fit.relaxed_modulus:.0f} Pa, {fit.ratios[0]:.2f}, {fit.relaxation_times[0]:.3f} s"
+        '1000 Pa, 1.50, 0.100 s'
     """
     if not isinstance(tip, Tip) or isinstance(tip, ElasticTip):
         raise TypeError(f"The tip is {tip!r}: give a rigid Sphere, Paraboloid, Cone or Pyramid.")

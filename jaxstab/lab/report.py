@@ -95,6 +95,12 @@ def report(
     Raises:
         ValueError: for a scan without a unit or of few points, and for invalid arguments.
         FileExistsError: if the file exists.
+
+    Example:
+        >>> small = js.surfaces.Topography(grid, 0.1 * heights, unit="µm")
+        >>> page = js.lab.report(small, youngs_modulus=1e6, surface_energy=0.05, size=16)
+        >>> page.name
+        'report.html'
     """
     path = _new_page(file)
     wording = wording or Wording()

@@ -48,6 +48,21 @@ class ViscoelasticErrors:
         work_of_adhesion: of w [J/m^2].
         range: of the range of the law [m].
         contact_point: of the contact point [m].
+
+    Example:
+        >>> time = np.linspace(0, 1, 1000)  # [s]
+        >>> tip = 1e-6 - 2e-6 * time  # [m], at the surface after 0.5 s
+        >>> moduli = 1e3 * (1 + 1.5 * np.exp(-(time + 5e-4) / 0.1))
+        >>> growth = np.diff(np.maximum(-tip, 0) ** 1.5, prepend=0)
+        >>> force = 4 / 3 * np.sqrt(5e-6) / 0.75 * np.convolve(moduli, growth)[:1000]
+        >>> approach = js.lab.force_curves.Segment(force, tip - force / 0.05, tip, time)
+        >>> curve = js.lab.force_curves.ForceCurve(approach, None, spring_constant=0.05)
+        >>> tip = js.lab.Paraboloid(radius=5e-6)
+        >>> fit = js.lab.fit_viscoelastic(curve, tip, relaxation_times=[0.1])
+        >>> fit.errors.relaxed_modulus < 0.01 * fit.relaxed_modulus
+        True
+        >>> fit.errors.relaxation_times  # given, not fitted
+        array([0.])
     """
 
     relaxed_modulus: float
@@ -83,6 +98,20 @@ class ViscoelasticFit:
         times: of each mean [s].
         measured: the mean forces at these times [N].
         forces: the fitted ones [N].
+
+    Example:
+        >>> time = np.linspace(0, 1, 1000)  # [s]
+        >>> tip = 1e-6 - 2e-6 * time  # [m], at the surface after 0.5 s
+        >>> moduli = 1e3 * (1 + 1.5 * np.exp(-(time + 5e-4) / 0.1))
+        >>> growth = np.diff(np.maximum(-tip, 0) ** 1.5, prepend=0)
+        >>> force = 4 / 3 * np.sqrt(5e-6) / 0.75 * np.convolve(moduli, growth)[:1000]
+        >>> approach = js.lab.force_curves.Segment(force, tip - force / 0.05, tip, time)
+        >>> curve = js.lab.force_curves.ForceCurve(approach, None, spring_constant=0.05)
+        >>> tip = js.lab.Paraboloid(radius=5e-6)
+        >>> fit = js.lab.fit_viscoelastic(curve, tip, relaxation_times=[0.1])
+        >>> path = js.save("fit.nc", fit)
+        >>> f"{js.load(path).instantaneous_modulus:.0f} Pa"
+        '2500 Pa'
     """
 
     relaxed_modulus: float

@@ -14,7 +14,7 @@ DOCS = Path(__file__).parents[2] / "docs"
 # Searches compile for seconds, and are tested daily in their own rooms.
 SEARCHES = re.compile(
     r"js\.(calibrate|continuation|critical_load|detachment|easiest_exit|evolve|first_jump|follow"
-    r"|lab\.modulus_over_depth|lifetime|pull_off|transition)\b"
+    r"|lab\.(fit_viscoelastic|modulus_over_depth|report)|lifetime|pull_off|transition)\b"
 )
 
 
@@ -65,11 +65,5 @@ def test_an_example_prints_what_it_shows(name, names, tmp_path, monkeypatch):
     assert not lines, "".join(lines)
 
 
-# Fits in time and reports take a minute; the pages on force curves and on scans show them.
-LONG = "lab.ViscoelasticErrors", "lab.ViscoelasticFit", "lab.fit_viscoelastic", "lab.report"
-
-
-def test_every_public_name_has_an_example_unless_it_takes_long():
-    shown = {case.values[0] for case in EXAMPLES}
-    assert shown | {*LONG} == {*PUBLIC}
-    assert not shown & {*LONG}
+def test_every_public_name_has_an_example():
+    assert {case.values[0] for case in EXAMPLES} == {*PUBLIC}

@@ -70,6 +70,21 @@ def test_two_relaxation_times_are_told_apart_and_kept_in_a_file(tmp_path):
         js.lab.ViscoelasticFit.from_dataset(curve.to_dataset())
 
 
+def test_an_approach_without_noise_is_fitted_as_well_as_the_rings_allow():
+    time = np.linspace(0, 1, 1000)
+    tip = 1e-6 - 2e-6 * time
+    # The sum over steps is right to second order with the moduli half a step later.
+    moduli = 1e3 * (1 + 1.5 * np.exp(-(time + 0.5 * time[1]) / 0.1))
+    growth = np.diff(np.maximum(-tip, 0) ** 1.5, prepend=0)
+    force = 4 / 3 * np.sqrt(RADIUS) / 0.75 * np.convolve(moduli, growth)[: len(time)]
+    approach = js.lab.force_curves.Segment(force, tip - force / 0.05, tip, time)
+    curve = js.lab.force_curves.ForceCurve(approach, None, spring_constant=0.05)
+    fit = js.lab.fit_viscoelastic(curve, TIP, relaxation_times=[0.1])
+    assert fit.result == js.RESULTS.successful
+    np.testing.assert_allclose(fit.relaxed_modulus, 1e3, rtol=2e-3)
+    np.testing.assert_allclose(fit.instantaneous_modulus, 2.5e3, rtol=2e-3)
+
+
 @pytest.mark.nightly
 @pytest.mark.parametrize("seed", range(1, 5))
 def test_two_relaxation_times_are_within_their_errors(seed):
