@@ -100,3 +100,34 @@ def test_a_change_is_relative_to_its_array_and_another_number_of_results_is_anot
     assert change(base, outcomes([1.0, 200.0], [2e-6, np.nan]), "paths") == pytest.approx(1)
     assert change(base, outcomes([1.0, 200.0], [1e-6, 1.0]), "paths") == np.inf
     assert change(base, outcomes([1.0], [1e-6, np.nan]), "paths") == np.inf
+
+
+def listed_in(table, constants):
+    """Return the constants of the rows of a table, and the names and values that are none.
+
+    A row with several constants names each of their modules once.
+    """
+    listed, unknown = set(), []
+    for line in table.splitlines():
+        cells = line.strip("| ").split(" | ")
+        if "`" not in line or len(cells) < 3:
+            continue
+        modules = [f"jaxstab.{module}" for module in cells[0].split(", ")]
+        names, values = (cell.strip("`").split("`, `") for cell in cells[1:3])
+        for name, value in zip(names, values, strict=True):
+            found = {(module, name, value) for module in modules} & constants
+            listed |= found
+            if not found:
+                unknown.append((cells[0], name, value))
+    return listed, unknown
+
+
+def test_the_published_table_has_every_constant_with_its_value_and_no_other(sensitivity):
+    constants = {
+        tuple(each) for room in sensitivity.ROOMS for each in sensitivity.constants_of(room)
+    }
+    table = (FILE.parent / "results" / "sensitivity.md").read_text()
+    rows = table[table.index("| module | constant | value |") :]
+    listed, unknown = listed_in(rows, constants)
+    assert not unknown
+    assert listed == constants
