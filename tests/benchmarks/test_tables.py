@@ -39,7 +39,6 @@ WAITING = {
             "processes",
             "pull_offs",
             "robustness",
-            "sensitivity",
             "sharded",
             "studies",
             "validation",
