@@ -261,4 +261,4 @@ def inverse(jacobian: np.ndarray) -> np.ndarray:
     size = np.linalg.norm(jacobian, axis=0)
     size[size == 0] = 1.0
     scaled = jacobian / size
-    return np.linalg.pinv(scaled.T @ scaled, hermitian=True) / np.outer(size, size)
+    return np.linalg.pinv(scaled.T @ scaled) / np.outer(size, size)

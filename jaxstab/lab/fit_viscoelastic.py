@@ -384,7 +384,9 @@ def _result_of(
 ) -> ViscoelasticFit:
     x, means = found.x, model.means
     covariance = _scatter(found) * inverse(found.jac)
-    errors = np.sqrt(np.diag(covariance))
+    # A line that no mean tells has a variance of zero, or by rounding a negative one.
+    with np.errstate(invalid="ignore"):
+        errors = np.sqrt(np.diag(covariance))
     modulus = float(np.exp(x[0]))
     ratios, times = model.ratios(x), model.relaxation_times(x)
     modes = slice(model.first_ratio, model.first_ratio + len(ratios))

@@ -93,7 +93,7 @@ def test_options_reach_the_problem_and_no_result_is_overwritten(twice):
 @pytest.mark.nightly
 def test_a_second_run_compiles_nothing_and_is_as_quiet(twice):
     _, results, programs = twice
-    assert any(name.startswith("jit__found") for name in programs[0])
+    assert any(name.startswith("jit__find") for name in programs[0])
     assert programs[1] == programs[0]
     for result in results:
         assert "XLA" not in result.stderr
