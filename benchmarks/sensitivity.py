@@ -72,7 +72,7 @@ APART = (
     "surfaces",
     "units",
 )
-# Numbers that are no choices: of physics, units, formats, closed forms, functions of a fit.
+# Numbers that are no choices: of physics, units, formats, closed forms, a path, a fit's functions.
 GIVEN = (
     "_DIGEST",
     "_FOLDERS",

@@ -26,10 +26,6 @@ class FitWarning(UserWarning):
     Example:
         A fit to an approach with a sphere, taken for one with a cone:
 
-        >>> height = np.linspace(2e-6, -1e-6, 400)
-        >>> force = 0.01 * np.maximum(-height, 0) ** 1.5
-        >>> approach = js.lab.force_curves.Segment(force, height)
-        >>> curve = js.lab.force_curves.ForceCurve(approach, None, spring_constant=1.0)
         >>> import warnings
         >>> with warnings.catch_warnings(record=True) as caught:
         ...     warnings.simplefilter("always")

@@ -41,10 +41,6 @@ class ContactPoints:
         curve: the corrected curve, in its own units.
 
     Example:
-        >>> height = np.linspace(2e-6, -1e-6, 400)
-        >>> force = 0.01 * np.maximum(-height, 0) ** 1.5
-        >>> approach = js.lab.force_curves.Segment(force, height)
-        >>> curve = js.lab.force_curves.ForceCurve(approach, None, spring_constant=1.0)
         >>> len(js.lab.contact_points(curve).points)
         4
     """
@@ -159,10 +155,6 @@ def contact_points(
         TypeError: for something that is no force curve.
 
     Example:
-        >>> height = np.linspace(2e-6, -1e-6, 400)
-        >>> force = 0.01 * np.maximum(-height, 0) ** 1.5
-        >>> approach = js.lab.force_curves.Segment(force, height)
-        >>> curve = js.lab.force_curves.ForceCurve(approach, None, spring_constant=1.0)
         >>> points = js.lab.contact_points(curve)
         >>> sorted(points.points)
         ['deviation_from_baseline', 'line_and_line', 'line_and_polynomial', 'ratio_of_variances']

@@ -52,10 +52,8 @@ class FitErrors:
         contact_point: of the contact point [m].
 
     Example:
-        >>> height = np.linspace(2e-6, -1e-6, 400)
-        >>> force = 0.01 * np.maximum(-height, 0) ** 1.5
-        >>> force += np.random.default_rng(0).normal(0.0, 1e-13, 400)
-        >>> approach = js.lab.force_curves.Segment(force, height)
+        >>> noise = np.random.default_rng(0).normal(0.0, 1e-13, 400)
+        >>> approach = js.lab.force_curves.Segment(force + noise, height)
         >>> curve = js.lab.force_curves.ForceCurve(approach, None, spring_constant=1.0)
         >>> fit = js.lab.fit_curve(curve, js.lab.Paraboloid(radius=5e-6))
         >>> bool(abs(fit.contact_point) < 3 * fit.errors.contact_point)
@@ -94,10 +92,6 @@ class ForceCurveFit:
             where a point is missing, in the units of the curve.
 
     Example:
-        >>> height = np.linspace(2e-6, -1e-6, 400)
-        >>> force = 0.01 * np.maximum(-height, 0) ** 1.5
-        >>> approach = js.lab.force_curves.Segment(force, height)
-        >>> curve = js.lab.force_curves.ForceCurve(approach, None, spring_constant=1.0)
         >>> fit = js.lab.fit_curve(curve, js.lab.Paraboloid(radius=5e-6))
         >>> bool(abs(fit.contact_point) < 1e-10)
         True

@@ -64,10 +64,6 @@ def fit_curve(
         FitWarning: if the result is not `successful`; the message has the reason.
 
     Example:
-        >>> height = np.linspace(2e-6, -1e-6, 400)
-        >>> force = 0.01 * np.maximum(-height, 0) ** 1.5
-        >>> approach = js.lab.force_curves.Segment(force, height)
-        >>> curve = js.lab.force_curves.ForceCurve(approach, None, spring_constant=1.0)
         >>> fit = js.lab.fit_curve(curve, js.lab.Paraboloid(radius=5e-6))
         >>> f"{fit.youngs_modulus:.3g}, {fit.result.name}"
         '2.52, successful'

@@ -30,10 +30,6 @@ class Fits(Generic[Fit]):
     Example:
         The second curve has no contact:
 
-        >>> height = np.linspace(2e-6, -1e-6, 400)
-        >>> force = 0.01 * np.maximum(-height, 0) ** 1.5
-        >>> approach = js.lab.force_curves.Segment(force, height)
-        >>> curve = js.lab.force_curves.ForceCurve(approach, None, spring_constant=1.0)
         >>> far = js.lab.force_curves.Segment(np.zeros(400), height)
         >>> missed = js.lab.force_curves.ForceCurve(far, None, spring_constant=1.0)
         >>> curves = js.lab.force_curves.ForceCurves((curve, missed))
@@ -88,10 +84,6 @@ def fit_each(
         FitWarning: for curves that have no fit, with their names and reasons.
 
     Example:
-        >>> height = np.linspace(2e-6, -1e-6, 400)
-        >>> force = 0.01 * np.maximum(-height, 0) ** 1.5
-        >>> approach = js.lab.force_curves.Segment(force, height)
-        >>> curve = js.lab.force_curves.ForceCurve(approach, None, spring_constant=1.0)
         >>> curves = js.lab.force_curves.ForceCurves((curve, curve))
         >>> tip = js.lab.Paraboloid(radius=5e-6)
         >>> fits = js.lab.fit_each(curves, lambda one: js.lab.fit_curve(one, tip))

@@ -38,10 +38,6 @@ class ModulusOverDepth:
             failed or is no good description.
 
     Example:
-        >>> height = np.linspace(2e-6, -1e-6, 400)
-        >>> force = 0.01 * np.maximum(-height, 0) ** 1.5
-        >>> approach = js.lab.force_curves.Segment(force, height)
-        >>> curve = js.lab.force_curves.ForceCurve(approach, None, spring_constant=1.0)
         >>> found = js.lab.modulus_over_depth(curve, js.lab.Paraboloid(radius=5e-6), count=3)
         >>> f"{found.depths[-1]:.1e}"
         '1.0e-06'
@@ -175,10 +171,6 @@ def modulus_over_depth(
         TypeError: for something that is no force curve or no tip.
 
     Example:
-        >>> height = np.linspace(2e-6, -1e-6, 400)
-        >>> force = 0.01 * np.maximum(-height, 0) ** 1.5
-        >>> approach = js.lab.force_curves.Segment(force, height)
-        >>> curve = js.lab.force_curves.ForceCurve(approach, None, spring_constant=1.0)
         >>> found = js.lab.modulus_over_depth(curve, js.lab.Paraboloid(radius=5e-6), count=3)
         >>> [f"{modulus:.2f}" for modulus in found.youngs_moduli]
         ['2.52', '2.52', '2.52']

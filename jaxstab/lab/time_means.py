@@ -12,7 +12,7 @@ from jaxstab.lab.force_curves.correction import clocks_of
 # Means over so many steps of the time in each segment, near contact and where no force acts.
 _NEAR, _FAR = 40, 5
 # A model on rings is right within this part of the largest force, which errors are no less than.
-_OF_FORCE = 1e-4
+_LEAST_ERROR = 1e-4
 # The fewest points of a mean; the forces of one scatter by this part of the variance of the noise.
 _FEWEST, _JUMP = 3, 4.0
 # In a pause the last step is longer than the first one by this: the sample relaxes fast at first.
@@ -90,7 +90,7 @@ class TimeMeans(NamedTuple):
         is_later = np.append(True, np.diff(np.maximum.accumulate(columns[0])) > 0)
         times, heights, variances, forces, errors = columns[:, is_later]
         largest = float(np.nanmax(forces))
-        errors = np.maximum(errors, _OF_FORCE * largest)
+        errors = np.maximum(errors, _LEAST_ERROR * largest)
         tips = heights + np.nan_to_num(forces) / curve.spring_constant
         return cls(
             times,

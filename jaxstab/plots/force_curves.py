@@ -52,10 +52,6 @@ def force_curve(
         ValueError: for another abscissa, and one that the curve lacks.
 
     Example:
-        >>> height = np.linspace(2e-6, -1e-6, 400)
-        >>> force = 0.01 * np.maximum(-height, 0) ** 1.5
-        >>> approach = js.lab.force_curves.Segment(force, height)
-        >>> curve = js.lab.force_curves.ForceCurve(approach, None, spring_constant=1.0)
         >>> axes = js.plots.force_curve(curve, "height")
         >>> axes.get_xlabel()
         'height [µm]'

@@ -42,9 +42,7 @@ class Baseline:
         number: the number of points that it is fitted to.
 
     Example:
-        >>> height = np.linspace(2e-6, -1e-6, 400)
-        >>> force = 0.01 * np.maximum(-height, 0) ** 1.5 + 3e-12
-        >>> approach = js.lab.force_curves.Segment(force, height)
+        >>> approach = js.lab.force_curves.Segment(force + 3e-12, height)
         >>> curve = js.lab.force_curves.ForceCurve(approach, None, spring_constant=1.0)
         >>> baseline = curve.corrected().correction.approach
         >>> f"{baseline.force:.1e}"

@@ -54,10 +54,6 @@ class Correction:
         has_times: whether the drift is per second.
 
     Example:
-        >>> height = np.linspace(2e-6, -1e-6, 400)
-        >>> force = 0.01 * np.maximum(-height, 0) ** 1.5
-        >>> approach = js.lab.force_curves.Segment(force, height)
-        >>> curve = js.lab.force_curves.ForceCurve(approach, None, spring_constant=1.0)
         >>> correction = curve.corrected().correction
         >>> bool(abs(correction.contact_point) < 1e-8)
         True

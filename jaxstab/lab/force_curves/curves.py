@@ -28,10 +28,6 @@ class ForceCurves(Sequence[ForceCurve]):
             may lack pixels.
 
     Example:
-        >>> height = np.linspace(2e-6, -1e-6, 400)
-        >>> force = 0.01 * np.maximum(-height, 0) ** 1.5
-        >>> approach = js.lab.force_curves.Segment(force, height)
-        >>> curve = js.lab.force_curves.ForceCurve(approach, None, spring_constant=1.0)
         >>> len(js.lab.force_curves.ForceCurves((curve, curve)))
         2
     """

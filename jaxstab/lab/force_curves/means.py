@@ -30,10 +30,6 @@ class Means(NamedTuple):
         drift_error: how far one standard error of the drift that was removed moves each [length].
 
     Example:
-        >>> height = np.linspace(2e-6, -1e-6, 400)
-        >>> force = 0.01 * np.maximum(-height, 0) ** 1.5
-        >>> approach = js.lab.force_curves.Segment(force, height)
-        >>> curve = js.lab.force_curves.ForceCurve(approach, None, spring_constant=1.0)
         >>> part = js.lab.force_curves.means(curve, "approach")
         >>> bool(np.allclose(part.tip_position, part.height + part.force / 1.0))
         True
@@ -73,10 +69,6 @@ def means(
             spring constant, and a curve that cannot be corrected.
 
     Example:
-        >>> height = np.linspace(2e-6, -1e-6, 400)
-        >>> force = 0.01 * np.maximum(-height, 0) ** 1.5
-        >>> approach = js.lab.force_curves.Segment(force, height)
-        >>> curve = js.lab.force_curves.ForceCurve(approach, None, spring_constant=1.0)
         >>> part = js.lab.force_curves.means(curve, "approach", points=30)
         >>> len(part.force)
         35
