@@ -165,10 +165,9 @@ def _profiles(
 ) -> list[OptimizeResult]:
     """Return the fits of all other numbers at ranges, and at works."""
     works = best.x[_WORK] + _WORKS
-    return [
-        *_profile(model, best, model.count - 1, lengths, ranges),
-        *_profile(model, best, _WORK, works, ranges),
-    ]
+    at_ranges = _profile(model, best, model.count - 1, lengths, ranges, [])
+    # An attraction between points may be of any work, at ranges that no smaller work leads to.
+    return at_ranges + _profile(model, best, _WORK, works, ranges, at_ranges)
 
 
 def _profile(
@@ -177,22 +176,27 @@ def _profile(
     number: int,
     values: np.ndarray,
     ranges: tuple[float, float],
+    known: list[OptimizeResult],
 ) -> list[OptimizeResult]:
     """Return the fits of all others at values of a number, from the best one outwards.
 
-    On either side it ends where a fit is much worse.
+    Each begins at the one before, and at the known one next to it. On either side it ends where a
+    fit is much worse.
     """
     found = []
     others = np.delete(np.arange(model.count), number)
     for side in (values[values > best.x[number]], values[values <= best.x[number]][::-1]):
-        x = best.x
+        last = best
         for value in side:
-            start = x.copy()
-            start[number] = value
-            fit = model.fit(start, others, FIRST, ranges)
-            found.append(fit)
-            x = fit.x
-            if fit.cost > best.cost + _MUCH_WORSE:
+            near = min(known, key=lambda one: abs(one.x[number] - value), default=last)
+            fits = []
+            for one in (last, near) if near is not last else (last,):
+                start = one.x.copy()
+                start[number] = value
+                fits.append(model.fit(start, others, FIRST, ranges))
+            found += fits
+            last = min(fits, key=lambda one: one.cost)
+            if last.cost > best.cost + _MUCH_WORSE:
                 break
     return found
 
