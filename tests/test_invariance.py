@@ -177,12 +177,14 @@ def fit(surface, change, order=range(8)):
     }
 
 
+@pytest.mark.nightly
 @many
 @given(surfaces, changes)
 def test_an_equilibrium_is_the_same_however_it_is_given(surface, change):
     assert_same(equilibrium(surface, change), equilibrium(surface, AS_GIVEN))
 
 
+@pytest.mark.nightly
 @many
 @given(surfaces, changes)
 def test_a_verdict_is_the_same_however_its_state_is_given(surface, change):

@@ -153,6 +153,7 @@ def contact():
     return rough_contact(16, js.potentials.Exponential(0.01, 0.1))
 
 
+@pytest.mark.nightly
 def test_a_solver_of_ones_own_finds_equilibria_in_every_call(contact):
     load, solver = js.MeanGap(0.08), Descent()
     expected = js.equilibrate(contact, load)
@@ -177,6 +178,7 @@ def test_a_solver_of_ones_own_finds_equilibria_in_every_call(contact):
     np.testing.assert_allclose(*slopes, rtol=1e-4)
 
 
+@pytest.mark.nightly
 def test_a_solver_of_ones_own_finds_the_cones_eigenvalue_in_every_call(contact):
     load, solver = js.MeanGap(0.08), PowerIteration()
     state = js.equilibrate(contact, load)

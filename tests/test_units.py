@@ -162,6 +162,7 @@ def test_the_unit_of_pressure_is_checked_and_is_pascal_in_metres():
     assert (from_scan.unit, from_scan.pressure_unit) == ("µm", "MPa")
 
 
+@pytest.mark.nightly
 def test_tables_show_the_units_of_the_contact():
     contact = small_contact()
     sweep = js.sweep(contact, js.MeanGap(jnp.array([0.3, 0.05])))

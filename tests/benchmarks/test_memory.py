@@ -92,6 +92,7 @@ def test_no_point_opens_without_adhesion(table):
     assert np.all(np.diff(without.area, axis=-1) >= 0)
 
 
+@pytest.mark.nightly
 def test_patches_are_those_of_another_package(study):
     contact, _ = study.contact_of(32, 0, 0.8, 4, 8, "relaxation", 0.1, 0.4)
     slope = float(js.surfaces.rms_slope(contact.grid, contact.heights))

@@ -23,6 +23,7 @@ from jaxstab.branches.curve import BorderedVector, Curve, Place
 from jaxstab.references import maugis
 
 
+@pytest.mark.nightly
 def test_it_goes_on_around_a_fold_and_counts_the_ways_down(branch):
     fold = branch.turns[0]
     # Where the contact-free branch ends, by the dense algebra of another test.

@@ -121,6 +121,7 @@ def test_its_second_derivatives_are_differences_of_first_ones():
     np.testing.assert_allclose(found, differences, rtol=1e-5)
 
 
+@pytest.mark.nightly
 def test_at_the_fold_an_equilibrium_has_no_derivative_and_beside_it_it_has(fold):
     tight = js.solvers.PreconditionedConjugateGradient(tolerance=1e-11)
     contact = paraboloid(VALUES)
@@ -269,6 +270,7 @@ def test_entries_of_a_batch_are_those_alone_and_a_failed_one_harms_no_other(fold
     assert compiled == []
 
 
+@pytest.mark.nightly
 def test_equilibria_and_modes_are_found_by_one_program_each():
     # A grid of a shape that no other test has, so that nothing is compiled before.
     heights = 0.01 * jnp.cos(2 * jnp.pi * jnp.arange(11) / 11)[:, None] * jnp.ones(9)

@@ -33,6 +33,7 @@ def exact(start):
     return solve(LOAD)
 
 
+@pytest.mark.nightly
 def test_errors_are_those_of_linear_least_squares_also_of_loads_that_tell_nothing():
     grid = js.Grid((32,))
     contact = js.Contact(

@@ -58,6 +58,7 @@ def found(fit):
     return np.array([law.surface_energy, law.length, fit.offset, fit.baseline])
 
 
+@pytest.mark.nightly
 def test_offset_and_baseline_are_those_of_another_fit_of_the_closed_form():
     forces = noisy(0)
     fit = fit_flat(forces, tolerance=1e-8)

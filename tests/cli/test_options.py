@@ -14,6 +14,7 @@ from jaxstab.cli.options import LAWS, read
 MATERIAL = ["--youngs-modulus", "2", "--surface-energy", "0.02", "--range", "0.2"]
 
 
+@pytest.mark.nightly
 def test_every_option_reaches_the_problem_that_is_solved(tmp_path):
     options = {
         "study": "unloading",

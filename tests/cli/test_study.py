@@ -96,6 +96,7 @@ def case(thickness, modulus):
 """
 
 
+@pytest.mark.nightly
 def test_a_study_of_stacks_is_the_same_alone_and_in_batches(tmp_path, capsys, monkeypatch):
     monkeypatch.chdir(tmp_path)
     Path("stacks.py").write_text(STACKS)

@@ -98,6 +98,7 @@ def test_flat_surfaces_without_adhesion_are_in_balance():
     assert residual_of(contact, jnp.full(grid.shape, 0.3)) == 0
 
 
+@pytest.mark.nightly
 def test_between_flat_surfaces_the_residual_is_relative_to_attraction_and_load():
     contact = js.Contact(
         js.HalfSpace(js.Grid(8), 1.0), jnp.zeros((8, 8)), js.potentials.Exponential(1.0, 1.0)
@@ -155,6 +156,7 @@ def test_a_contact_keeps_heights_that_their_owner_changes():
     assert not contact.heights.any()
 
 
+@pytest.mark.nightly
 def test_a_contact_takes_the_precision_of_its_heights():
     contact = rough_contact(8, js.potentials.Exponential(0.3, 0.2))
     single = js.Contact(contact.solid, contact.heights.astype(jnp.float32), lambda gap: -0.3 * gap)

@@ -27,6 +27,7 @@ def state(heights, load, solid=js.HalfSpace):
     return js.equilibrate(contact, load)
 
 
+@pytest.mark.nightly
 def test_an_offset_costs_no_digits_in_single_precision():
     multiple = 2e8
     # Given in double precision, which JAX casts to single precision.

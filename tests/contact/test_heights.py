@@ -37,6 +37,7 @@ def test_heights_of_other_packages_lie_along_x_and_y(heights):
     assert js.surfaces.rms_slope(GRID, heights) == js.surfaces.rms_slope(GRID, HEIGHTS)
 
 
+@pytest.mark.nightly
 def test_heights_of_other_packages_bring_their_unit_and_keep_their_precision():
     sides = {"x": ("x", X, {"units": "um"}), "y": ("y", Y, {"units": "um"})}
     heights = xarray.DataArray(1e3 * HEIGHTS, sides, ("x", "y"), attrs={"units": "nm"})

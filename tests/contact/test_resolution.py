@@ -65,6 +65,7 @@ def test_a_solid_with_a_stored_stiffness_is_not_told_that_no_grid_would_do():
         js.equilibrate(stored, LOAD, throw=False)
 
 
+@pytest.mark.nightly
 def test_jumps_need_more_and_are_told_how_far_they_may_be_off():
     law = js.potentials.Exponential(0.02, 0.02)
     contact = rough_contact(32, law, rms_height=0.05)
@@ -102,6 +103,7 @@ def test_a_pull_off_warns_once_with_the_range_that_the_grid_resolves(stiffness):
     ]
 
 
+@pytest.mark.nightly
 def test_a_sweep_warns_once():
     coarse = rough_contact(16, COARSE, youngs_modulus=1e-3)
     with pytest.warns(js.exceptions.ResolutionWarning) as told:
@@ -146,6 +148,7 @@ def test_the_resolved_range_of_an_exponential_law_is_known_and_has_derivatives()
     assert value == pytest.approx(expected) and slope == pytest.approx(expected / 0.04)
 
 
+@pytest.mark.nightly
 def test_a_law_without_one_range_is_told_the_factor():
     grid = js.Grid((32,), (1.0,))
     solid, exponential = js.HalfSpace(grid, 1.0), js.potentials.Exponential(0.02, 0.01)
@@ -180,6 +183,7 @@ def test_an_edge_of_the_attraction_counts_however_narrow(smoothing, dtype):
     assert compiled == pytest.approx(expected, rel=1e-4)
 
 
+@pytest.mark.nightly
 def test_the_narrowest_edge_counts_where_the_law_varies():
     lengths = jnp.full((16, 16), 0.1).at[3, 5].set(0.05)
     law = js.potentials.Varying(js.potentials.Dugdale(1e-2, lengths, smoothing=1e-3))
@@ -188,6 +192,7 @@ def test_the_narrowest_edge_counts_where_the_law_varies():
     assert contact.resolution == pytest.approx(np.pi / 2 * 16 * np.sqrt(2) / edge, rel=1e-4)
 
 
+@pytest.mark.nightly
 def test_a_law_that_is_undefined_far_from_the_surface_has_a_resolution():
     # x log x is NaN where x underflows, at gaps a thousand times the size of the grid.
     def law(gap):

@@ -141,9 +141,7 @@ def test_the_projection_is_the_nearest_admissible_field(platform):
 
 
 @pytest.mark.nightly
-@pytest.mark.parametrize(
-    "precision", ["float64", pytest.param("float32", marks=pytest.mark.nightly)]
-)
+@pytest.mark.parametrize("precision", ["float64", "float32"])
 def test_steps_of_an_accelerator_find_a_face_down_to_rounding(precision):
     grid = js.Grid(7, jnp.ones((), precision))
     heights = js.surfaces.sinusoid(grid, 0.05).astype(precision)

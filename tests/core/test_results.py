@@ -129,6 +129,7 @@ def numbers_of(state):
     return {float(number) for leaf in jax.tree.leaves(state) for number in np.ravel(leaf)}
 
 
+@pytest.mark.nightly
 def test_an_index_chooses_a_state(sweep, contact):
     for index, number in ((3, 3), (0, 0), (-1, 3), (np.int64(2), 2), (jnp.array(1), 1)):
         state = sweep[index]

@@ -28,6 +28,7 @@ def switches():
         yield
 
 
+@pytest.mark.nightly
 def test_the_readmes_example_runs_under_all_of_them(capsys):
     example = re.search(r"```python\n(.*?)```", README.read_text(), re.DOTALL)[1]
     # On fewer points.

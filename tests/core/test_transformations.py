@@ -70,6 +70,7 @@ def test_surfaces_loads_and_moduli_can_be_vmapped(solid, heights):
     check_solution(entry(by_modulus, 1), js.Contact(stiff, heights, named_law(0.01)))
 
 
+@pytest.mark.nightly
 def test_a_failed_entry_leaves_the_others_identical(solid, heights):
     contact = js.Contact(solid, heights, bare_law(0.01))
     solve = jax.jit(jax.vmap(lambda load: js.equilibrate(contact, load, throw=False)))
@@ -105,6 +106,7 @@ def test_throw_works_under_jit(solid, heights):
         run(-0.1).block_until_ready()
 
 
+@pytest.mark.nightly
 def test_new_values_compile_nothing_and_a_bare_function_compiles_once(solid, heights):
     def run(energy, modulus, load, tolerance):
         stiff = js.HalfSpace(solid.grid, modulus)
@@ -132,6 +134,7 @@ def test_new_values_compile_nothing_and_a_bare_function_compiles_once(solid, hei
     np.testing.assert_allclose([found, again], expected, rtol=1e-9)
 
 
+@pytest.mark.nightly
 def test_a_bare_function_of_a_value_is_mapped_and_differentiated_by_it(solid, heights):
     def pressure(make, energy):
         return js.equilibrate(js.Contact(solid, heights, make(energy)), LOAD).mean_pressure
@@ -144,6 +147,7 @@ def test_a_bare_function_of_a_value_is_mapped_and_differentiated_by_it(solid, he
     np.testing.assert_allclose(found[1][1], (sides[1] - sides[0]) / 2e-5, rtol=1e-4)
 
 
+@pytest.mark.nightly
 def test_fields_that_need_no_solver_can_be_differentiated(heights):
     def energy(length):
         return js.HalfSpace(js.Grid(16, length), 1.0).energy(heights)

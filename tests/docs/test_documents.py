@@ -72,6 +72,7 @@ def test_the_readmes_examples_run_and_reach_a_verdict(capsys, tmp_path, monkeypa
     plt.close("all")
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize("path", PAGES)
 def test_a_pages_blocks_run_in_order_and_print_what_it_shows(path, capsys, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)

@@ -35,6 +35,7 @@ def test_the_table_names_every_equation():
 
 
 # The first state has contact and is stable, the second has an admissible unstable direction.
+@pytest.mark.nightly
 @pytest.mark.parametrize(("energy", "sign"), [(0.03, 1), (0.1, -1)])
 def test_equilibrium_and_cone_eigenvalue_of_a_rough_surface_are_the_librarys(plain, energy, sign):
     grid = js.Grid(32)

@@ -27,6 +27,7 @@ def disc(n, radius):
     return (x - 0.5) ** 2 + (y - 0.5) ** 2 < radius**2
 
 
+@pytest.mark.nightly
 def test_a_disc_conducts_as_holm_says():
     radius, errors = 0.3, []
     for n in (64, 256):
@@ -102,6 +103,7 @@ def test_any_unit_of_length_gives_the_same(dtype, kind):
         np.testing.assert_allclose(jnp.sum(found.current), 1, rtol=rtol)
 
 
+@pytest.mark.nightly
 def test_it_runs_in_programs_batches_and_derivatives():
     contact, state = touching(disc(16, 0.3))
 

@@ -188,6 +188,7 @@ def test_what_a_law_holds_further_out_is_not_announced_as_pulled_off():
     np.testing.assert_allclose(caught.gap, 1.0419, atol=1e-4)
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize(
     ("law", "pressure"),
     [
@@ -231,6 +232,7 @@ def test_moves_of_another_precision_are_taken_and_none_below_zero():
             js.solvers.PreconditionedConjugateGradient(max_move=max_move)
 
 
+@pytest.mark.nightly
 def test_a_touch_without_adhesion_takes_no_more_steps_than_a_contact():
     """Its energy is smaller than what rounding of the gap leaves in that."""
     grid = js.Grid((64,))

@@ -33,6 +33,7 @@ CASES = [
 ]
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize(("law", "edge", "kind"), CASES)
 def test_contact_ends_at_the_largest_attraction_and_conducts_as_dense_algebra_says(law, edge, kind):
     contact, state = solved(law, js.MeanPressure(0.0), solid=kind)
@@ -70,6 +71,7 @@ def test_flat_surfaces_at_the_minimum_of_their_law_are_in_full_contact():
     assert apart.contact_area == js.conductance(contact, apart).conductance == 0
 
 
+@pytest.mark.nightly
 def test_a_range_that_varies_has_an_edge_at_each_point():
     lengths = jnp.where(LINE.coordinates[0] < 0.5, Z0, 2 * Z0)
     law = js.potentials.Varying(js.potentials.LennardJones(0.002 + 0 * lengths, lengths))
@@ -98,6 +100,7 @@ def test_only_a_law_that_repels_at_zero_gap_moves_the_edge_of_contact(law, edge)
     assert not found.repels_throughout
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize("law", [lambda g: 1.0 * jnp.exp(-g / 0.01), lambda g: 1e-9 / g**3])
 def test_a_law_that_only_repels_has_no_contact_without_a_closed_gap(law):
     contact, state = solved(law, js.MeanGap(0.06))
@@ -121,6 +124,7 @@ def test_contact_under_a_core_closes_the_gap_to_a_fluid():
     np.testing.assert_allclose(blocked[1, 1], jnp.mean(channels), rtol=1e-8)
 
 
+@pytest.mark.nightly
 def test_a_core_leaves_every_point_free_to_move_in_a_stability_analysis():
     contact, state = solved(LENNARD_JONES, js.MeanGap(0.06))
     assert state.contact_area > 0

@@ -144,6 +144,7 @@ def solve(contact, x, solver=TIGHT, **options):
     return js.equilibrate(with_parameters(contact, *x[:3]), js.MeanGap(x[3]), solver, **options)
 
 
+@pytest.mark.nightly
 def test_second_derivatives_are_right_too(contact):
     gradient = jax.jit(jax.grad(lambda x: solve(contact, x).mean_pressure))
     turn = jax.jit(lambda direction: jax.jvp(gradient, (X,), (direction,))[1])
@@ -190,6 +191,7 @@ def test_a_failed_entry_is_nan_and_leaves_a_masked_sum_alone(contact):
     np.testing.assert_allclose(jax.jit(jax.grad(masked))(0.02), both, rtol=1e-9)
 
 
+@pytest.mark.nightly
 def test_an_equilibrium_that_was_not_found_has_no_derivative(contact):
     hasty = js.solvers.PreconditionedConjugateGradient(tolerance=1e-13, max_steps=2)
 
@@ -201,6 +203,7 @@ def test_an_equilibrium_that_was_not_found_has_no_derivative(contact):
         jax.grad(pressure)(X, throw=True)
 
 
+@pytest.mark.nightly
 def test_where_a_point_is_about_to_touch_or_to_be_released_the_derivative_is_nan(contact):
     def touching(value):
         return solve(contact, X.at[3].set(value)).in_contact

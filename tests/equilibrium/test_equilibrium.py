@@ -26,6 +26,7 @@ def test_hertz_without_contact(hertz):
     np.testing.assert_allclose(equilibrium.gap.min(), 0.9201, atol=5e-5)
 
 
+@pytest.mark.nightly
 def test_the_mean_gap_is_held_in_one_state_and_in_many_of_which_one_is_a_start(hertz):
     loads = js.MeanGap(jnp.array([1.0, 2.0]))
     np.testing.assert_allclose(js.equilibrate(hertz, loads[0]).mean_gap, 1.0)
@@ -74,6 +75,7 @@ def westergaard_errors(n, mean_gap):
     return abs(float(equilibrium.contact_area) - area) / area, error
 
 
+@pytest.mark.nightly
 def test_westergaards_solution_is_approached_as_the_grid_is_refined():
     # Averaged over gaps, since the error depends on where the edge falls between points.
     gaps = np.linspace(0.01, 0.03, 9)
@@ -229,6 +231,7 @@ def test_a_tolerance_beyond_the_precision_ends_with_a_code(hertz):
     assert equilibrium.residual < 1e-12
 
 
+@pytest.mark.nightly
 def test_a_potential_that_turns_nan_is_refused_or_where_traced_coded(hertz):
     def law(gap):
         return jnp.where(gap > 0.5, jnp.nan, -gap)

@@ -82,6 +82,7 @@ def test_a_start_without_symmetry_leaves_the_saddle_that_symmetry_holds(surface,
     assert minimum.energy < saddle.energy
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize(
     "law", [js.potentials.NoAdhesion(), js.potentials.Exponential(0.01, 0.1)], ids=type
 )

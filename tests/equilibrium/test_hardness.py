@@ -91,6 +91,7 @@ def test_a_hardness_beyond_all_pressures_changes_nothing():
     assert state.num_steps == elastic.num_steps
 
 
+@pytest.mark.nightly
 def test_points_of_infinite_hardness_do_not_yield_among_others():
     hardness = np.where(np.arange(GRID.size).reshape(GRID.shape) % 2, np.inf, HARDNESS)
     state = js.equilibrate(contact_of(hardness=hardness), js.MeanPressure(0.03))
@@ -141,6 +142,7 @@ def test_windows_and_layers_yield(solid, hardness):
     assert again.num_steps == 0
 
 
+@pytest.mark.nightly
 def test_rings_yield_as_a_sphere_does():
     # First yield: p0 = H at F = pi^3 R^2 H^3 / (6 E*^2) (Johnson, Contact Mechanics, 1985).
     radius, hardness = 1.0, 0.1
@@ -159,6 +161,7 @@ def test_rings_yield_as_a_sphere_does():
     assert areas[1] > 0
 
 
+@pytest.mark.nightly
 def test_jit_vmap_and_single_precision_agree():
     loads = js.MeanPressure(jnp.array([0.01, 0.03]))
     many = jax.jit(jax.vmap(lambda load: js.equilibrate(contact_of(), load, throw=False)))(loads)
@@ -200,6 +203,7 @@ def test_an_impossible_hardness_is_refused(hardness):
         contact_of(hardness=np.asarray(hardness))
 
 
+@pytest.mark.nightly
 def test_a_hardness_below_the_repulsion_of_the_law_is_refused():
     with pytest.raises(ValueError, match="repels by 2, so that it allows no contact"):
         contact_of(hardness=1.0, law=lambda gap: jnp.exp(-2 * gap))
@@ -258,6 +262,7 @@ def derivative_case(numbers):
     )
 
 
+@pytest.mark.nightly
 def test_derivatives_by_hardness_heights_modulus_and_law_are_those_of_differences():
     point = jnp.array([0.15, 1.0, 0.004, 1.0, 0.03])
     forward = np.asarray(jax.jacfwd(derivative_case)(point))
@@ -282,6 +287,7 @@ def test_a_derivative_is_nan_where_points_just_begin_to_yield():
     assert np.isfinite(jax.grad(pressed)(0.029))
 
 
+@pytest.mark.nightly
 def test_a_hardness_that_is_impossible_in_a_trace_gives_no_state():
     @jax.vmap
     def state(hardness):

@@ -21,6 +21,7 @@ def state(contact):
     return js.equilibrate(contact, js.MeanPressure(0.06))
 
 
+@pytest.mark.nightly
 def test_current_flow_and_patches_are_those_of_the_surface_left(contact, state):
     left = contact.after(state).elastic
     same = js.equilibrate(left, state.load, initial=state.gap)

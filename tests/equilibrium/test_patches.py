@@ -136,6 +136,7 @@ def window(n, radius, centre):
     return contact, js.equilibrate(contact, js.MeanPressure(4 / 3 * radius**3 / 2))
 
 
+@pytest.mark.nightly
 def test_the_corrected_area_is_nearer_to_hertz():
     radius = 0.3
     errors = []

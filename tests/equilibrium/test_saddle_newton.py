@@ -44,6 +44,7 @@ def test_where_there_is_no_equilibrium_it_fails_with_a_code(hertz):
         js.equilibrate(hertz, pulled, js.solvers.SaddleNewton(), initial=start)
 
 
+@pytest.mark.nightly
 def test_single_precision_finds_the_saddle_too(hertz):
     single = js.Contact(hertz.solid, hertz.heights.astype(jnp.float32), hertz.potential)
     load = js.MeanDisplacement(1.302)

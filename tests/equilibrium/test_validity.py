@@ -41,6 +41,7 @@ def test_a_pressure_beyond_any_hardness_is_told(pressure, is_beyond):
         assert told[0].filename == __file__
 
 
+@pytest.mark.nightly
 def test_the_worst_state_of_a_path_is_told_once():
     load = js.MeanPressure(jnp.array([0.05, 3.0, 0.05]))
     path, told = warned(lambda: js.follow(gold(), load), "yield below")

@@ -106,6 +106,7 @@ def test_states_are_among_the_minima_of_all_sets():
     assert sum(check_problem(seed, largest=4) for seed in range(10)) > 3
 
 
+@pytest.mark.nightly
 def test_states_of_a_walled_core_are_among_the_minima_of_the_core():
     assert sum(check_core(seed, largest=4) for seed in (0, 1, 2, 3, 4, 6)) > 2
 

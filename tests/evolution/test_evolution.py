@@ -127,6 +127,7 @@ def test_extremes_of_a_run_do_not_depend_on_the_recorded_times(make, values):
     assert f"largest tension {float(run.largest_tension):.3g} at time " in repr(run)
 
 
+@pytest.mark.nightly
 def test_extremes_of_a_run_that_fails_are_those_of_its_steps():
     contact = viscoelastic()
     pull = js.MeanPressure(jnp.array([0.0, -1.0]))
@@ -166,6 +167,7 @@ def test_work_is_stored_dissipated_or_lost_in_jumps(make):
     assert np.max(np.abs(missing)) < 1e-3 * np.max(np.abs(found.work))
 
 
+@pytest.mark.nightly
 def test_the_work_of_a_dead_load_is_its_force_times_the_way():
     contact = viscoelastic(energy=0.005)
     contact = js.Contact(contact.solid, 4 * contact.heights, contact.potential)
@@ -189,6 +191,7 @@ def test_a_jump_of_the_glassy_solid_is_located_and_its_loss_is_that_of_the_path(
     assert np.array(found.jump_losses) == pytest.approx(np.array(loop.jumps.dissipation), rel=1e-3)
 
 
+@pytest.mark.nightly
 @pytest.mark.filterwarnings("ignore::jaxstab.exceptions.ResolutionWarning")
 def test_a_jump_in_a_hold_is_the_same_however_long_the_hold_is():
     contact = viscoelastic(ratios=0.5, times=1.0, energy=0.003)
@@ -212,6 +215,7 @@ def test_a_held_contact_rests_where_the_relaxed_solid_does():
     assert np.max(np.abs(found.gap - rest.gap)) < 1e-8
 
 
+@pytest.mark.nightly
 def test_a_state_of_a_path_starts_at_its_own_load(hertz, loop):
     contact = js.Contact(js.Viscoelastic(hertz.solid, 2.0, 1.0), hertz.heights, hertz.potential)
     state = loop[len(loop) // 2]
@@ -241,6 +245,7 @@ def test_a_window_has_the_gap_of_its_surface_and_the_glassy_answer():
     assert "force" in repr(fast)
 
 
+@pytest.mark.nightly
 def test_full_contact_opens_under_a_mean_gap():
     contact = viscoelastic(energy=0.02)
     relaxed = relaxed_of(contact)

@@ -32,6 +32,7 @@ def test_a_branch_comes_back_to_the_last_bit(contact, branch, tmp_path):
         assert plain.gap.dims == ("state", "x", "y") and plain.turn_gap.dims[0] == "turn"
 
 
+@pytest.mark.nightly
 def test_a_transition_comes_back_to_the_last_bit(contact, transition, tmp_path):
     path = js.save(tmp_path / "pass.nc", contact, transition)
     assert_same_bits((contact, transition), js.load(path))

@@ -42,6 +42,7 @@ def case(request, plain):
     return plain if request.param == "float64" else swept(BUMPY)
 
 
+@pytest.mark.nightly
 def test_each_result_comes_back_to_the_last_bit(case, tmp_path):
     contact, sweep = case
     results = sweep, sweep[1], sweep.equilibrium, sweep[2].equilibrium, sweep[0].stability
@@ -53,6 +54,7 @@ def test_each_result_comes_back_to_the_last_bit(case, tmp_path):
     assert results[1] != results[0][2] and results[2] != results[3]
 
 
+@pytest.mark.nightly
 def test_a_path_comes_back_to_the_last_bit(rough_path, tmp_path):
     contact, path = rough_path
     assert len(path.jumps) >= 2
@@ -90,6 +92,7 @@ def test_a_data_set_says_what_everything_is(case):
     assert unlabelled == []
 
 
+@pytest.mark.nightly
 def test_plain_xarray_opens_it_without_this_package(plain, tmp_path):
     contact, sweep = plain
     path = js.save(tmp_path / "sweep.nc", contact, sweep)

@@ -55,6 +55,7 @@ def test_points_in_any_order(heights, order, spacing):
     np.testing.assert_allclose(found.lengths, np.array(spacing) * SHAPE, rtol=1e-12)
 
 
+@pytest.mark.nightly
 @settings(max_examples=5)
 @given(*[st.floats(1e-3, 1e3)] * 3, st.floats(-0.9, 0.5), st.integers(0, 2**32))
 def test_a_contact_and_its_state(work, length, modulus, ratio, seed):

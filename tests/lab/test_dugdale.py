@@ -82,6 +82,7 @@ def test_a_travel_includes_the_bending_of_the_spring():
     assert DEPTH < found.indentation[-1] + 0.1 * found.force[-1] < 1.05 * DEPTH
 
 
+@pytest.mark.nightly
 def test_rings_agree_with_the_closed_form():
     # A smooth edge of the attraction and rings of a finite width cost some per cent.
     units = 1e6  # µm and Pa

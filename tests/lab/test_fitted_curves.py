@@ -70,6 +70,7 @@ def test_a_long_range_with_a_weak_jump_is_found():
     assert abs(fit.youngs_modulus - 0.44e9) < 3 * fit.errors.youngs_modulus
 
 
+@pytest.mark.nightly
 def test_an_attraction_of_four_points_does_not_bias_the_modulus():
     law = maugis_with_approach(0.4, modulus=0.56, work=0.03, depth=9.0)
     fit = js.lab.fit_curve(recorded(law, 4, constant=0.24), TIP, 0.0)
@@ -119,12 +120,14 @@ def test_a_curve_that_is_no_hertz_has_a_result_of_its_own():
     assert "does not describe" in fit.status
 
 
+@pytest.mark.nightly
 def test_a_cone_does_not_describe_the_curve_of_a_sphere():
     with pytest.warns(js.exceptions.FitWarning, match="another shape of the tip"):
         fit = js.lab.fit_curve(recorded(hertz(), 3, noise=0.02), js.lab.Cone(35.0), 0.0)
     assert fit.result == js.RESULTS.misfit
 
 
+@pytest.mark.nightly
 def test_units_of_the_curve_change_nothing_and_print_shows_them():
     curve = recorded(hertz(), 3)
     fit = js.lab.fit_curve(curve, TIP, 0.0)
@@ -143,6 +146,7 @@ def test_units_of_the_curve_change_nothing_and_print_shows_them():
     assert np.std(own.force - fit.forces) < 0.06
 
 
+@pytest.mark.nightly
 def test_correlated_noise_makes_errors_larger():
     def found(seed, length):
         random = np.random.default_rng(seed)

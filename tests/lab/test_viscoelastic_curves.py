@@ -32,6 +32,7 @@ def require_within_errors(fit, truth, number):
         assert np.all(np.abs(away) < number), (name, away)
 
 
+@pytest.mark.nightly
 def test_a_standard_linear_solid_without_adhesion_is_that_of_ting(tmp_path):
     height, time = program()
     fit = js.lab.fit_viscoelastic(recorded(height, time, ting(height, time), 0), TIP)
@@ -70,6 +71,7 @@ def test_two_relaxation_times_are_told_apart_and_kept_in_a_file(tmp_path):
         js.lab.ViscoelasticFit.from_dataset(curve.to_dataset())
 
 
+@pytest.mark.nightly
 def test_an_approach_without_noise_is_fitted_as_well_as_the_rings_allow():
     time = np.linspace(0, 1, 1000)
     tip = 1e-6 - 2e-6 * time
@@ -95,6 +97,7 @@ def test_two_relaxation_times_are_within_their_errors(seed):
     require_within_errors(fit, TWO, 3)
 
 
+@pytest.mark.nightly
 def test_times_that_are_given_have_ratios_alone():
     height, time = program()
     curve = recorded(height, time, ting(height, time, TWO["ratios"], TWO["relaxation_times"]), 0)

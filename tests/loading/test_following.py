@@ -37,6 +37,7 @@ def test_entries_of_a_batch_are_those_alone(hertz):
         assert len(together[i].jumps) == len(alone.jumps)
 
 
+@pytest.mark.nightly
 def test_a_path_leaves_its_empty_entries_out(loop, hertz, tmp_path):
     path = with_room(loop)
     assert len(path) == len(loop) + 5

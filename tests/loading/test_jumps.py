@@ -18,6 +18,7 @@ def touches(state):
     return state.in_contact.any()
 
 
+@pytest.mark.nightly
 def test_hertz_jumps_into_contact_at_the_fold_and_lets_go_where_a_reaction_vanishes(hertz, loop):
     into, *_, out = loop.jumps
     np.testing.assert_allclose(into.load.value, 1.2974855, atol=1e-6)
@@ -50,6 +51,7 @@ def test_around_a_loop_the_work_is_what_the_jumps_lose(hertz, loop, load):
     np.testing.assert_allclose([loop.work, loop.jumps.dissipation.sum()], quadrature, rtol=2e-2)
 
 
+@pytest.mark.nightly
 def test_every_state_of_a_rough_path_is_an_equilibrium_and_every_jump_goes_down(rough_path):
     contact, path = rough_path
     assert len(path.jumps) >= 3
@@ -116,6 +118,7 @@ def test_a_reversible_contact_loses_nothing(rough_path):
     assert re.search(r"work  \S+ (\w+)\n  lost in 0 jumps  0 \1$", repr(path))
 
 
+@pytest.mark.nightly
 def test_a_tension_pulls_apart_where_bisection_says_and_a_pressure_brings_back():
     contact = rough_contact(32, js.potentials.Exponential(0.02, 0.08), rms_height=0.05)
     path = js.follow(contact, js.MeanPressure(jnp.array([0.0, -0.2, 0.05])))

@@ -65,6 +65,7 @@ def changes_of(case):
     return parts, (lambda parts: parts[2].surface_energy, lambda parts: parts[1][point])
 
 
+@pytest.mark.nightly
 def test_its_derivatives_are_those_of_differences(case):
     parts, (energy, height) = changes_of(case)
     rates = jax.grad(strength)(parts)

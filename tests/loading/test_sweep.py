@@ -32,6 +32,7 @@ def independent(unloading):
     return js.sweep(unloading, js.MeanGap(LOADS))
 
 
+@pytest.mark.nightly
 @on_the_cpu
 def test_a_sweep_equals_single_solves_to_the_last_bit(unloading, independent):
     for state, value in zip(independent[::4], LOADS[::4], strict=True):

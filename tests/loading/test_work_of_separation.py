@@ -26,6 +26,7 @@ def up_to(path, number):
     return replace(path, load=load, equilibrium=states)
 
 
+@pytest.mark.nightly
 def test_flat_surfaces_take_the_work_of_their_law(flat_path):
     # From the minimum of the law to the largest gap, whatever the pressure before.
     expected = LAW(1.0) - LAW(0.1)

@@ -110,6 +110,7 @@ def test_a_state_of_a_path_is_one_of_the_surface_that_it_leaves(loop):
     assert stability.verdict == "stable"
 
 
+@pytest.mark.nightly
 def test_adhesion_makes_jumps_whose_plastic_work_is_told_apart():
     contact = adhesive_contact()
     turns = js.MeanPressure(jnp.array([0.0, 0.1, -0.15]))
@@ -235,11 +236,13 @@ def check_jumps(seed):
     return found
 
 
+@pytest.mark.nightly
 def test_jumps_while_points_yield_are_those_of_dense_algebra():
     # The first jump begins where a point begins to yield, the others are folds of one that yields.
     assert check_jumps(3) == [("yielding", 0), ("fold", 1), ("fold", 1), ("fold", 3)]
 
 
+@pytest.mark.nightly
 def test_an_infinite_hardness_of_points_that_never_yield_changes_no_jump():
     contact, load = random_line(3)
     path = js.follow(contact, load, disturbance=0.0)

@@ -198,6 +198,7 @@ def electrodes():
     return js.Contact(js.HalfSpace(grid, 1.0), jnp.zeros(grid.shape), law)
 
 
+@pytest.mark.nightly
 def test_a_soft_spring_far_away_begins_apart():
     load = js.Spring([1.0, 0.05], 1.0)
     swept = js.sweep(electrodes(), load, order="continuation", stability=False)

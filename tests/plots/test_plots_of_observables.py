@@ -44,6 +44,7 @@ def labels_of(axes):
     return axes.get_xlabel(), axes.get_ylabel()
 
 
+@pytest.mark.nightly
 def test_patches_have_a_colour_each_and_a_title(rough, line):
     _, given = plt.subplots()
     axes = plots.patches(*rough, axes=given)

@@ -112,6 +112,7 @@ def frames_of(file):
         return [np.asarray(frame.convert("L")) for frame in ImageSequence.Iterator(film)]
 
 
+@pytest.mark.nightly
 def test_a_film_shows_contact_in_black_throughout(hertz, loop, tmp_path):
     # Half a second has room for seven frames.
     file = plots.animation(hertz, loop, tmp_path / "path.gif", seconds=0.5)

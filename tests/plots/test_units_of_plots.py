@@ -43,6 +43,7 @@ def ticks(axis):
     return places, [float(text.replace("\u2212", "-")) for text in texts]
 
 
+@pytest.mark.nightly
 def test_in_metres_lengths_are_micrometres_and_pressures_kilopascals(pdms):
     contact, sweep = pdms
     state = sweep[0]

@@ -149,6 +149,7 @@ def test_a_potential_may_branch_on_the_scalar_gap():
     np.testing.assert_allclose(curvature(law, GAPS), -6 * np.maximum(1 - GAPS, 0), atol=1e-12)
 
 
+@pytest.mark.nightly
 def test_derivatives_of_a_voltage_do_not_underflow_at_nanometres_in_metres():
     law = js.potentials.Electrostatic(0.2, 8.854e-12, 1e-10)
     gap, derivative = jnp.array(1e-10, jnp.float32), law

@@ -121,6 +121,7 @@ def test_a_sum_is_solved_with_in_si_units_as_in_others():
     np.testing.assert_allclose(1e-6 * state.mean_pressure, other.mean_pressure, rtol=1e-7)
 
 
+@pytest.mark.nightly
 def test_sums_come_back_from_files(tmp_path):
     energies = 0.01 + 0.01 * jax.random.uniform(jax.random.key(0), (8, 8))
     part = js.potentials.Varying(js.potentials.Exponential(energies, 0.3))
@@ -146,6 +147,7 @@ def test_of_a_function_in_a_sum_a_file_asks_for_the_law(tmp_path):
     assert_same_law(again.potential, contact.potential)
 
 
+@pytest.mark.nightly
 def test_electrodes_without_a_dielectric_need_a_core():
     bare = js.potentials.Electrostatic(0.01, 0.8)
     with pytest.raises(ValueError, match=r"is -inf: .* needs a `dielectric`"):

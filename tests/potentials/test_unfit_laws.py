@@ -128,6 +128,7 @@ def test_a_law_that_jumps_is_refused_with_the_gap(name):
         flat_contact(law)
 
 
+@pytest.mark.nightly
 def test_a_law_that_jumps_is_told_by_the_result_where_no_error_can_be_raised():
     @jax.jit
     def result(end):

@@ -42,6 +42,7 @@ def stripes():
     return 0.01 + 0.008 * jnp.cos(4 * jnp.pi * x)
 
 
+@pytest.mark.nightly
 def test_a_law_that_varies_balances_at_every_point_by_its_own_parameters():
     energies = stripes()
     contact = varying(energies)

@@ -34,6 +34,7 @@ def test_silicon_is_as_stiff_along_its_axes_as_is_known():
     np.testing.assert_allclose(found, [130, 169, 188], atol=0.6)
 
 
+@pytest.mark.nightly
 def test_quartz_has_a_threefold_axis():
     angle = 2 * np.pi / 3
     cosine, sine = np.cos(angle), np.sin(angle)

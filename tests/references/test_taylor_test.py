@@ -115,6 +115,7 @@ def test_what_cannot_be_tested_is_refused():
         js.check_derivative(jnp.sin, 1.0, mode="reverse")
 
 
+@pytest.mark.nightly
 def test_laws_solids_and_equilibria_pass_in_any_units():
     contact = rough_contact(16, js.potentials.Exponential(0.06, 0.2), rms_height=0.05)
     law, solid, heights = contact.potential, contact.solid, contact.heights

@@ -61,6 +61,7 @@ def test_the_operator_of_a_crystal_is_symmetric_and_its_inverse_known(grid):
     np.testing.assert_allclose(back, field - field.mean(), atol=1e-12)
 
 
+@pytest.mark.nightly
 def test_a_surface_turned_with_its_crystal_is_the_same():
     grid = js.Grid(16)
     solid = js.solids.Anisotropic(grid, COPPER, ON_110)

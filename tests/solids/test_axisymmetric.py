@@ -168,6 +168,7 @@ def test_a_thin_layer_is_an_elastic_foundation(rings):
     np.testing.assert_allclose(pressure[: N // 2], layer.uniform_stiffness, rtol=1e-3)
 
 
+@pytest.mark.nightly
 def test_a_layer_agrees_with_its_hankel_transform(rings):
     layer = js.Layer(js.Grid(4), 1.0, 0.3, 0.5)
     found = js.solids.Axisymmetric(rings, layer).displacement(jnp.ones(N))[0]
@@ -206,6 +207,7 @@ def test_derivatives_agree_with_differences(rings):
         assert float(derivative) == pytest.approx(float(ends[1] - ends[0]) / 2e-5, rel=1e-4)
 
 
+@pytest.mark.nightly
 def test_single_precision_and_batches_agree(sticky):
     single = js.Contact(sticky.solid, sticky.heights.astype(jnp.float32), sticky.potential)
     loads = js.FarDisplacement(jnp.array([-0.02, -0.05]))
@@ -228,6 +230,7 @@ def test_a_path_and_a_file_hold_rings(sticky, tmp_path):
     assert dataset.gap.dims == ("r",)
 
 
+@pytest.mark.nightly
 def test_a_growing_contact_of_a_viscoelastic_half_space_is_that_of_lee_and_radok(solid, sticky):
     viscoelastic = js.Viscoelastic(solid, ratios=[1.5], times=[0.7])
     contact = js.Contact(viscoelastic, sticky.heights, NoAdhesion())

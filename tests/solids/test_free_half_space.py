@@ -174,6 +174,7 @@ def test_pressures_are_proportional_to_displacements_in_single_precision(size):
     np.testing.assert_allclose(scaled / np.float32(size), pressure, rtol=1e-4, atol=1e-4)
 
 
+@pytest.mark.nightly
 def test_what_a_window_cannot_answer_is_said():
     contact = sphere_contact(16)
     for load in (js.MeanGap(0.1), js.MeanDisplacement(0.1)):

@@ -20,6 +20,7 @@ def stack_of(exponent, nu, number, depth=0.3):
     return Layered(GRID, layers, (moduli[-1], nu))
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize(("exponent", "nu"), [(0.5, 0.3), (0.3, 0.5), (-0.3, 0.3)])
 def test_a_graded_solid_is_the_limit_of_fine_stacks(exponent, nu):
     q = jnp.array([0.5, 1.0, 2.0])

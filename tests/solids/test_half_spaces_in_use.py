@@ -31,6 +31,7 @@ def heights():
     return js.surfaces.self_affine(GRID, jax.random.key(1), k_high=2, rms_height=0.02)
 
 
+@pytest.mark.nightly
 def test_the_effective_work_of_adhesion_counts_the_energy_of_each_wave():
     x, y = GRID.coordinates
     wave = 2 * np.pi * np.array([2.0, 0.5])
@@ -89,6 +90,7 @@ def test_the_regime_of_a_sphere_takes_a_crystal_and_no_stack():
         js.references.regime(1.0, SOLIDS["stack"].contact_modulus, 0.01, 0.1)
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize("name", SOLIDS)
 def test_a_file_keeps_the_solid(name, heights, tmp_path):
     contact = js.Contact(SOLIDS[name], heights, LAW, unit="µm", pressure_unit="GPa")

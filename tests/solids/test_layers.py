@@ -128,6 +128,7 @@ def contact_on(name, thickness=0.1):
     return js.Contact(SOLIDS[name](grid, thickness), heights, law)
 
 
+@pytest.mark.nightly
 def test_the_derivative_by_thickness_agrees_with_differences():
     def pressure(thickness):
         contact = contact_on("coating", thickness)
@@ -138,6 +139,7 @@ def test_the_derivative_by_thickness_agrees_with_differences():
     np.testing.assert_allclose(both(0.1)[1], difference, rtol=1e-5)
 
 
+@pytest.mark.nightly
 def test_the_base_of_a_layer_can_be_held():
     contact = contact_on("layer")
     stiffness = 1.0 * 0.7 / (1.3 * 0.4 * 0.1)
@@ -148,6 +150,7 @@ def test_the_base_of_a_layer_can_be_held():
     np.testing.assert_allclose(held.pressure, whole, atol=1e-9)
 
 
+@pytest.mark.nightly
 def test_an_incompressible_layer_gives_a_spring_nothing_and_holds_no_base():
     contact = contact_on("incompressible")
     with pytest.raises(js.exceptions.SolverError, match=r"not incompressible.*mean displacement"):

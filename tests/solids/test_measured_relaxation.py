@@ -182,6 +182,7 @@ def test_a_shift_is_a_law_that_can_be_given_moved_batched_and_differentiated():
     np.testing.assert_allclose(slope, -C1 * C2 / (C2 + 27) ** 2)
 
 
+@pytest.mark.nightly
 def test_a_shift_stays_with_a_solid_in_a_file(tmp_path):
     law = WilliamsLandelFerry(C1, C2, REFERENCE)
     solid = js.Viscoelastic(SOLID, 2.0, 0.1, law)

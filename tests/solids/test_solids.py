@@ -94,6 +94,7 @@ def test_a_stiffness_may_depend_on_the_direction_of_a_wave():
         js.solids.Axisymmetric(js.Rings(8, 1.0), solid)
 
 
+@pytest.mark.nightly
 def test_a_function_of_waves_takes_them_in_any_number():
     grid = js.Grid((8, 6))
     solid = js.solids.Spectral(

@@ -150,6 +150,7 @@ def test_a_fit_needs_one_modulus_and_known_numbers():
         )
 
 
+@pytest.mark.nightly
 def test_a_fitted_solid_is_kept_in_a_file(tmp_path):
     solid = js.Viscoelastic.from_storage_and_loss(SOLID, [5.0], [3.0], [1.0])
     heights = js.surfaces.paraboloid(GRID, 2.0)

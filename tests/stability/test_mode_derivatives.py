@@ -90,6 +90,7 @@ def test_there_is_no_barrier_to_differentiate_where_nothing_is_held(contact):
     assert is_undefined(height, jnp.array([0.06, 0.1, 1.0, 0.6]))
 
 
+@pytest.mark.nightly
 def test_a_least_reaction_that_points_share_has_no_derivative(contact):
     # Two summits alike.
     heights = jnp.zeros((16, 16)).at[4, 4].set(0.1).at[12, 12].set(0.1)
@@ -110,6 +111,7 @@ def test_a_least_reaction_that_points_share_has_no_derivative(contact):
     assert jnp.isfinite(jax.grad(lambda x: complementarity(x, raised=1e-3))(x)).all()
 
 
+@pytest.mark.nightly
 def test_a_multiple_eigenvalue_has_no_derivative(contact):
     def lowest(modulus):
         other = with_parameters(contact, jnp.array(1e-3), jnp.array(1.0), modulus)

@@ -32,6 +32,7 @@ def random_state(contact, seed, touching):
     return state_of(contact, jnp.where(jax.random.uniform(keys[1], gap.shape) < touching, 0.0, gap))
 
 
+@pytest.mark.nightly
 def test_adhesion_that_outweighs_the_stiffness_everywhere_does_not_upset_it():
     contact, state = random_state(rough_contact(16, Waves(70.0, 3.0)), 3, 0)
     pair = js.assess_stability(contact, state).cone

@@ -123,6 +123,7 @@ def test_the_command_line_reads_a_channel(tmp_path, capsys):
         assert message in capsys.readouterr().err
 
 
+@pytest.mark.nightly
 def test_heights_of_a_result_count_from_zero(tmp_path):
     grid = js.Grid((8, 12), (2.0, 3.0))
     heights = 10 + 0.1 * np.cos(2 * np.pi * np.arange(8) / 8)[:, None] * np.ones(12)

@@ -59,6 +59,7 @@ def test_a_tip_goes_through_its_profile_as_scipys_does(grid):
     assert (found[~inner] >= heights[-1]).all() and (found[~inner] <= heights[-2]).all()
 
 
+@pytest.mark.nightly
 def test_shapes_can_be_differentiated():
     grid = js.Grid(6)
     radii, heights = (jnp.asarray(x) for x in PROFILE)
@@ -112,6 +113,7 @@ def test_what_makes_no_shape_is_refused(shape, arguments, sentence):
         getattr(js.surfaces, shape)(js.Grid(6), *arguments)
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize("grid", [js.Grid((32, 32), (2.0, 2.0)), js.Grid((32,), (2.0,))])
 def test_the_force_is_the_sum_of_pressures_over_the_points(grid):
     heights = js.surfaces.sphere(grid, 2.0)
@@ -127,6 +129,7 @@ def test_the_force_is_the_sum_of_pressures_over_the_points(grid):
         assert path.equilibrium.force.shape == path.load.value.shape
 
 
+@pytest.mark.nightly
 def test_the_force_under_a_pressure_grows_with_the_area_of_the_cell():
     def force(length):
         grid = js.Grid((8, 8), jnp.stack([length, length]))

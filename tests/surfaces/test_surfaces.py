@@ -236,6 +236,7 @@ def test_mirrored_crops_have_the_statistics_of_the_whole_surface():
     assert (biases < [0.025, 0.025, 0.1]).all()
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize("is_array", [False, True])
 def test_statistics_of_a_surface_whose_edges_do_not_meet_warn(is_array):
     whole, crop = cropped(0)
@@ -301,6 +302,7 @@ def test_hurst_exponents_of_profiles_are_found_within_their_errors(how, k_high):
         assert law.cutoff / (2 * np.pi / 10) == pytest.approx(k_high, rel=0.1)
 
 
+@pytest.mark.nightly
 def test_errors_of_a_power_law_are_those_of_its_waves():
     # Means of exponentials about a law, by far more draws than a surface has.
     q, waves, rng = np.arange(1.0, 101), 2 * np.round(np.pi * np.arange(1.0, 101)), np.random

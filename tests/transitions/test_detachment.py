@@ -72,6 +72,7 @@ def test_flat_surfaces_detach_as_by_the_quadrature_of_the_exact_barrier(detachin
     assert np.ptp(right) / right.mean() < 0.05 < np.ptp(wrong) / wrong.mean()
 
 
+@pytest.mark.nightly
 def test_a_rough_line_detaches_as_by_the_branch_around_its_pull_off(detaching):
     contact, _ = detaching
     options = {"fields": True, "max_step": 0.003, "max_states": 150}

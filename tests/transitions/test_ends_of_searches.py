@@ -36,6 +36,7 @@ def test_loads_that_are_one_in_the_precision_of_the_contact_are_refused():
         js.critical_load(LINE, js.MeanGap([0.1, np.nan]))
 
 
+@pytest.mark.nightly
 def test_a_start_that_is_not_found_says_why():
     contact, times = viscoelastic(), jnp.array([0.0, 1.0])
     with pytest.raises(js.exceptions.SolverError, match=r"no start at t = 0.*pulled_off"):
@@ -44,6 +45,7 @@ def test_a_start_that_is_not_found_says_why():
         js.evolve(contact, js.MeanDisplacement(jnp.full(2, -1.0)), times)
 
 
+@pytest.mark.nightly
 def test_a_flat_surface_takes_few_steps_and_no_jump():
     contact = js.Contact(
         js.Viscoelastic(js.HalfSpace(js.Grid((32,)), 1.0), 2.0, 1.0),

@@ -53,6 +53,7 @@ def potential(state, value):
     return state.equilibrium.energy + value * state.equilibrium.mean_gap * state.equilibrium.area
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize("part", PARTS)
 def test_the_pass_is_the_unstable_state_of_the_branch_at_the_same_load(pulled, part):
     contact, branch, strongest = pulled

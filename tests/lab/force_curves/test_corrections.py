@@ -38,6 +38,7 @@ def deviations(law, seed, noise=0.05):
     return result
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize("law", LAWS)
 def test_the_truth_lies_within_two_errors_in_95_of_100(law):
     found = [deviations(law, seed) for seed in range(100)]
