@@ -267,7 +267,6 @@ BLOCKS = (
     block(seeds=(0,), points=256, length=0.1),
     block(seeds=(0,), points=256, longest=16, shortest=64),
     block((0.0, 0.1), points=256, longest=8, shortest=64),
-    block((0.45,), seeds=(0,), points=512, length=0.105),
 )
 
 VARIABLES = {

@@ -111,44 +111,35 @@ def block(points, cutoffs, settings=SETTINGS, hurst=HURST, seeds=range(3), **oth
 
 
 WEAK, STRONG, REST = SETTINGS[:2], SETTINGS[2:4], SETTINGS[4:]
-# In the order of their worth: what a short time allows comes first.
+STIFF = ("Tabor", 0.25, 0.5), ("Tabor", 0.25, 2.5)
+# Their ranges need sixteen points to the shortest wave, where the others need four.
+SOFT = ("Tabor", 1.0, 0.5), ("Tabor", 1.0, 2.5)
+EXTREMES = 0.8, 0.3
 BLOCKS = (
-    block(64, (4, 8, 16), WEAK, seeds=(0,)),
-    block(128, (32,), WEAK, seeds=(0,)),
-    block(64, (4, 8, 16), STRONG, seeds=(0,)),
-    block(128, (32,), STRONG, seeds=(0,)),
     block(64, (4, 8, 16), WEAK + STRONG),
-    block(128, (32,), WEAK + STRONG, seeds=(1,)),
-    block(128, (16,), WEAK + STRONG, (0.8, 0.3), seeds=(0,)),
-    block(64, (4, 16), WEAK + STRONG, (0.8, 0.3), seeds=(0,), pressed=2 * PRESSED),
-    block(64, (4, 8), WEAK, (0.8, 0.3), longest=2),
-    block(128, (32,), WEAK + STRONG, seeds=(2,)),
-    block(64, (4, 8, 16), REST[:3], seeds=(0,)),
-    block(256, (64,), WEAK, (0.8, 0.3), seeds=(0,)),
-    block(64, (4, 8, 16), REST[:3]),
-    block(128, (32,), REST[:3], seeds=(0,)),
-    block(256, (64,), WEAK + STRONG, seeds=(0,)),
-    block(256, (32,), WEAK + STRONG, (0.8, 0.3), seeds=(0,)),
-    block(256, (64,), WEAK + STRONG, (0.8, 0.3), seeds=(1,)),
-    block(512, (128,), WEAK + STRONG, (0.8, 0.3, 0.5), seeds=(0,)),
-    block(1024, (256,), WEAK, (0.8,), seeds=(0,)),
-    block(256, (64,), WEAK + STRONG, seeds=(1,)),
-    block(512, (128,), WEAK + STRONG, (0.7, 0.9), seeds=(0,)),
-    block(256, (64,), WEAK + STRONG, seeds=(2,)),
-    block(1024, (256,), WEAK, (0.3,), seeds=(0,)),
-    block(1024, (256,), STRONG, (0.8, 0.3), seeds=(0,)),
+    block(128, (32,), WEAK + STRONG),
+    block(64, (4, 8, 16), REST + STIFF),
+    block(128, (32,), REST + STIFF),
+    block(64, (4,), SOFT),
+    block(128, (8,), SOFT),
+    block(256, (16,), SOFT),
+    # Higher cut-offs.
+    block(256, (64,), WEAK + STRONG),
     block(256, (64,), REST[:3], seeds=(0,)),
-    block(512, (128,), WEAK, (0.8, 0.3), seeds=(1, 2)),
-    block(128, (32,), REST[:3]),
-    block(64, (4, 8, 16), REST[3:]),
-    block(128, (32,), REST[3:]),
-    block(128, (4, 8, 16), WEAK + STRONG, longest=2),
+    block(256, (64,), STIFF, EXTREMES, seeds=(0,)),
+    block(512, (32,), SOFT, seeds=(0,)),
+    block(512, (128,), WEAK + STRONG, seeds=(0,)),
+    block(512, (128,), WEAK + STRONG, EXTREMES, seeds=(1, 2)),
+    block(1024, (256,), WEAK + STRONG, EXTREMES, seeds=(0,)),
+    # Finer grids, a larger load before, and larger cells.
     block(128, (16,), WEAK + STRONG),
-    block(256, (32,), WEAK + STRONG),
-    block(256, (64,), REST),
-    block(64, (4, 8, 16), WEAK + STRONG, seeds=range(3, 9)),
+    block(256, (32,), WEAK + STRONG, seeds=(0,)),
+    block(128, (4,), SOFT, EXTREMES, seeds=(0,)),
+    block(256, (8,), SOFT, EXTREMES, seeds=(0,)),
+    block(64, (4, 16), WEAK + STRONG, EXTREMES, seeds=(0,), pressed=2 * PRESSED),
+    block(64, (4, 8), WEAK + STRONG, EXTREMES, longest=2),
+    block(128, (16,), WEAK + STRONG, EXTREMES, longest=2),
 )
-
 
 VARIABLES = {
     "points": ("points along a side", ""),

@@ -68,14 +68,14 @@ def write(path: Path, content: Content, *, may_be_renamed: bool = False) -> None
             values = np.array(words, h5py.string_dtype()).reshape(values.shape)
         stored[name] = np.ascontiguousarray(values).reshape(values.shape)
         layout[name] = dims, values.shape, values.dtype.str, attrs
-    empty = _empty(json.dumps(layout), json.dumps(content.attrs))
-    image = h5py.h5f.open_file_image(empty, h5py.h5f.ACC_RDWR)
-    for name, values in stored.items():
-        if values.size:
-            h5py.h5d.open(image, name.encode()).write(h5py.h5s.ALL, h5py.h5s.ALL, values)
-    h5py.h5f.flush(image)
-    # In memory first: on a full disk HDF5 ends the process.
-    written = image.get_file_image()
+    # In memory first: on a full disk HDF5 ends the process. Closed as a file: before HDF5 2.0 the
+    # image of an open one has a checksum that is wrong.
+    image = io.BytesIO(_empty(json.dumps(layout), json.dumps(content.attrs)))
+    with h5py.File(image, "r+") as file:
+        for name, values in stored.items():
+            if values.size:
+                h5py.h5d.open(file.id, name.encode()).write(h5py.h5s.ALL, h5py.h5s.ALL, values)
+    written = image.getvalue()
     write_whole(path, written + _digest(path, written, may_be_renamed))
 
 
@@ -129,8 +129,10 @@ def attributes_of(path: Path) -> Attributes:
 def _attributes(file: Any) -> Attributes:
     """Return the attributes of an open file, without those of its format."""
     attrs = {name: x for name, x in file.attrs.items() if name[0] != "_" and name != _LAYOUT}
-    # A number is stored as an array of one.
-    is_number = {name for name, x in attrs.items() if isinstance(x, np.ndarray) and x.size == 1}
+    # A number is stored as an array of one, and by older versions of h5netcdf as it is.
+    is_number = {
+        n for n, x in attrs.items() if isinstance(x, np.ndarray | np.generic) and x.size == 1
+    }
     return {name: x.item() if name in is_number else x for name, x in attrs.items()}
 
 
