@@ -129,8 +129,8 @@ BLOCKS = (
     block(256, (64,), STIFF, EXTREMES, seeds=(0,)),
     block(512, (32,), SOFT, seeds=(0,)),
     block(512, (128,), WEAK + STRONG, seeds=(0,)),
-    block(512, (128,), WEAK + STRONG, EXTREMES, seeds=(1, 2)),
-    block(1024, (256,), WEAK + STRONG, EXTREMES, seeds=(0,)),
+    block(512, (128,), WEAK, EXTREMES, seeds=(1, 2)),
+    block(1024, (256,), WEAK, EXTREMES, seeds=(0,)),
     # Finer grids, a larger load before, and larger cells.
     block(128, (16,), WEAK + STRONG),
     block(256, (32,), WEAK + STRONG, seeds=(0,)),

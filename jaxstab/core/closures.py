@@ -158,10 +158,11 @@ def _parameter(part: Any, opaque: list[Any]) -> Hashable:
         case jax.core.Tracer():
             # The jaxpr holds it.
             opaque.append(id(part))
-        case np.ndarray() | np.generic() | jax.Array():
-            return str(part.dtype), part.shape, np.asarray(part).tobytes()
         case None | bool() | int() | float() | complex() | str():
             return part
+        # Constants of JAX 0.9 are arrays of a class of its own.
+        case _ if hasattr(part, "__array__"):
+            return str(part.dtype), part.shape, np.asarray(part).tobytes()
         case _:
             opaque.append(part)
     return type(part)
