@@ -20,14 +20,13 @@ def make_data(
     """Compute the cases of all blocks in their order, and write the data set if it is asked for."""
     parser = argparse.ArgumentParser(description=description)
     parser.add_argument("folder", type=Path, help="where each case is kept as soon as it ends")
-    parser.add_argument("--first", type=int, help="compute the first so many cases only")
-    parser.add_argument("--output", type=Path, help="the data set of these cases")
+    parser.add_argument("--output", type=Path, help="the data set of all cases")
     options = parser.parse_args()
     cases = []
     for one in itertools.chain.from_iterable(blocks):
         if one not in cases:
             cases.append(one)
-    study = js.study(case, cases[: options.first], options.folder / case.__name__)
+    study = js.study(case, cases, options.folder / case.__name__)
     print(f"{study.sizes['case']} cases, {study.seconds.values.sum() / 3600:.1f} h")
     if options.output:
         documented(study).to_netcdf(options.output)
