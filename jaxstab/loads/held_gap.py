@@ -83,8 +83,8 @@ class MeanDisplacement(Load):
     """A prescribed mean(u) [length]: one value, or an array for a sweep.
 
     Example:
-        >>> f"{js.equilibrate(contact, js.MeanDisplacement(0.0)).mean_pressure:.4f}"
-        '0.4388'
+        >>> f"{js.equilibrate(contact, js.MeanDisplacement(0.1)).mean_pressure:.4f}"
+        '-0.1244'
     """
 
     quantity: ClassVar[str] = "mean displacement $u_0$"
