@@ -23,7 +23,6 @@ WAITING = {
             "barriers",
             "batches",
             "branches",
-            "certificates",
             "closed_forms",
             "coarse_starts",
             "eigenvalues",
