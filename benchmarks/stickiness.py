@@ -137,6 +137,7 @@ BLOCKS = (
     block(128, (4,), SOFT, EXTREMES, seeds=(0,)),
     block(256, (8,), SOFT, EXTREMES, seeds=(0,)),
     block(64, (4, 16), WEAK + STRONG, EXTREMES, seeds=(0,), pressed=2 * PRESSED),
+    # Here 64² points do not resolve the range of the other strong setting.
     block(64, (4, 8), WEAK + STRONG[1:], EXTREMES, longest=2),
     block(128, (16,), WEAK + STRONG[1:], EXTREMES, longest=2),
 )

@@ -158,11 +158,12 @@ def _parameter(part: Any, opaque: list[Any]) -> Hashable:
         case jax.core.Tracer():
             # The jaxpr holds it.
             opaque.append(id(part))
-        case None | bool() | int() | float() | complex() | str():
-            return part
-        # Constants of JAX 0.9 are arrays of a class of its own.
+        # Numbers of NumPy before those of Python, which some of them are too. Constants of JAX 0.9
+        # are arrays of a class of its own.
         case _ if hasattr(part, "__array__"):
             return str(part.dtype), part.shape, np.asarray(part).tobytes()
+        case None | bool() | int() | float() | complex() | str():
+            return part
         case _:
             opaque.append(part)
     return type(part)

@@ -188,9 +188,9 @@ def _profile(
     for side in (values[values > best.x[number]], values[values <= best.x[number]][::-1]):
         last = best
         for value in side:
-            near = min(known, key=lambda one: abs(one.x[number] - value), default=last)
+            near = sorted(known, key=lambda one: abs(one.x[number] - value))[:1]
             fits = []
-            for one in (last, near) if near is not last else (last,):
+            for one in (last, *near):
                 start = one.x.copy()
                 start[number] = value
                 fits.append(model.fit(start, others, FIRST, ranges))
