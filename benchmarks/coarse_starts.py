@@ -28,7 +28,7 @@ def main() -> None:
     parser.add_argument("--out", type=Path, help="a file for the table as well")
     options = parser.parse_args()
     jax.config.update("jax_enable_x64", True)
-    large, rows = coarse_start._LARGE, []
+    large, rows = coarse_start.LARGE, []
     for size in options.sizes:
         grid = js.Grid(size)
         for seed in range(options.surfaces):
@@ -38,7 +38,7 @@ def main() -> None:
                 state = js.equilibrate(contact, js.MeanDisplacement(displacement))
                 found = []
                 for smallest in (large, grid.size + 1):
-                    coarse_start._LARGE = smallest
+                    coarse_start.LARGE = smallest
                     jax.clear_caches()
                     found.append(js.assess_stability(contact, state))
                 used, unused = (
