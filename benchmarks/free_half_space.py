@@ -99,7 +99,9 @@ def held_row(parameter, n):
     exact = js.references.maugis.pull_off(*SPHERE, strength_of(parameter), np.inf)
     contact = maugis(parameter, n, 3.1 * float(exact.outer_radius))
     ends = js.FarDisplacement(-exact.displacement * jnp.array([0.93, 1.05]))
-    path = js.follow(contact, ends)
+    # By default a path begins apart.
+    pressed = js.equilibrate(contact, js.FarDisplacement(0.0))
+    path = js.follow(contact, ends, initial=pressed)
     jump = path.jumps[int(jnp.argmax(path.jumps.dissipation))]
     place, force = -float(jump.load.value), float(jump.before.force)
     return (
