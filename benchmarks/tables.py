@@ -87,7 +87,7 @@ TABLES = {
     "sharded": Table("benchmarks/sharded.py", "core equilibrium"),
     "studies": Table("benchmarks/studies.py", "studies"),
     "validation": Table(
-        "benchmarks/validation.py --figures docs/_static",
+        "benchmarks/validation.py --large --figures docs/_static",
         "equilibrium loading surfaces",
         figures="docs/_static/challenge.svg docs/_static/stickiness.svg",
     ),

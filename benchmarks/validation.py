@@ -1,8 +1,8 @@
 """Published numbers and closed forms beside ours: one table.
 
 Each row computes a number by the public interface and compares it with one that a source gives.
-`--quick` leaves out all that takes more than a few seconds, `--large` adds grids of 2048² and 4096²
-points. `--challenge FILE` runs the contact-mechanics challenge alone, on a file of its surface.
+`--quick` leaves out all that takes more than a few seconds, `--large` adds grids of 2048² points.
+`--challenge FILE` runs the contact-mechanics challenge alone, on a file of its surface.
 """
 
 import argparse
