@@ -22,7 +22,6 @@ WAITING = {
             "adverse_equilibria",
             "eigenvalues",
             "free_half_space",
-            "laboratory",
             "mutants",
             "peers",
             "robustness",
