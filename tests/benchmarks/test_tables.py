@@ -25,7 +25,6 @@ WAITING = {
             "mutants",
             "peers",
             "robustness",
-            "validation",
         ),
         "made by its script alone, before tables had heads",
     ),
